@@ -37,7 +37,7 @@ def _lines(settings: Settings) -> Iterator[str]:
     yield f"models = {json.dumps(list(settings.models))}  # {origins['models']}"
     height = settings.height if settings.height is not None else f'"{NATIVE}"'
     yield f"height = {height}  # {origins['height']}"
-    fov = "# fov is not known" if settings.fov is None else f"fov = {settings.fov:g}"
+    fov = "# fov is not known" if settings.fov is None else f"fov = {settings.fov}"
     yield f"{fov}  # {origins['fov']}"
     yield f"measure_rmo = {json.dumps(settings.measure_rmo)}  # {origins['measure_rmo']}"
     yield f'columns = "{settings.columns}"  # {origins["columns"]}'
@@ -45,7 +45,7 @@ def _lines(settings: Settings) -> Iterator[str]:
         yield ""
         yield f"[{group}]"
         angles = {
-            name: f"{degrees:g}deg"
+            name: f"{degrees}deg"
             for name in params.names()
             if (degrees := settings.angles.get(f"{group}.{name}"))
         }

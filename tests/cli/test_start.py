@@ -5,13 +5,18 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 import pytest
 from click.formatting import HelpFormatter
 
 from oppload_cli.cli import _help_width
+from oppload_cli.pipeline.settings import resolve
 from tests.cli.inside import oppload
 from tests.cli.process import ENTRY
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib", "shutil", "difflib", "traceback")
 
@@ -58,6 +63,15 @@ def test_printed_settings_can_be_given_back(tmp_path: object) -> None:
     again = oppload("config", "--config", path).stdout
     bare = [line.partition("  #")[0] for line in printed.splitlines()]
     assert [line.partition("  #")[0] for line in again.splitlines()] == bare
+
+
+def test_printed_angles_keep_all_digits(tmp_path: Path) -> None:
+    words = ("--fov", "63.4349488", "--set", "opplod.receptive_field=60.123456789deg")
+    path = tmp_path / "s.toml"
+    path.write_text(oppload("config", *words).stdout)
+    settings = resolve(config=path)
+    assert settings.fov == 63.4349488
+    assert settings.angles == {"opplod.receptive_field": 60.123456789}
 
 
 def test_info_names_the_versions() -> None:
