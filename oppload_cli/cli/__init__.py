@@ -219,9 +219,7 @@ def _failure(error: BaseException) -> int:
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else ExitCode.BUG
     if os.environ.get("OPPLOAD_DEBUG"):
-        import traceback
-
-        traceback.print_exception(error)
+        sys.excepthook(type(error), error, error.__traceback__)
     error = _explained(error)
     if isinstance(error, _ReaderGoneError | OutputError) and sys.stdout is not None:
         try:
