@@ -395,11 +395,10 @@ class _Preparation:
         if time_s != frame.time_s:
             frame = replace(frame, time_s=time_s)
         repeat = self.repeats.step(frame.luma, time_s)
-        if self._flow is None:
-            return _Prepared(frame, repeat, None)
-        return _Prepared(
-            frame, repeat, RmoMetrics() if repeat.kind else self._flow.step(frame.luma)
-        )
+        opponency = None
+        if self._flow:
+            opponency = RmoMetrics() if repeat.kind else self._flow.step(frame.luma)
+        return _Prepared(frame, repeat, opponency)
 
 
 class _Detectors:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
+from oppload_cli.video.frames import turned
 from oppload_cli.video.luminance import as_displayed, luminance_table
 from oppload_cli.video.planes import resized
 
@@ -57,9 +58,8 @@ class Colour:
     """
 
     def __init__(self, facts: InputFacts, size: tuple[int, int] | None = None) -> None:
-        width, height = size or colour_size(facts)
         self._facts = facts
-        self._coded = (height, width) if facts.rotation in (90, 270) else (width, height)
+        self._coded = turned(*(size or colour_size(facts)), facts.rotation)
         self._converter = VideoReformatter()
 
     def __call__(self, picture: Picture) -> Bgr:

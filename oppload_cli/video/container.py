@@ -30,6 +30,7 @@ from oppload_cli.video.frames import (
     check_pixels,
     max_pixels,
     too_large,
+    turned,
 )
 from oppload_cli.video.integrity import fault_of
 from oppload_cli.video.planes import is_full_range, luma_plane
@@ -427,13 +428,13 @@ class ContainerSource:
     def _facts(self) -> InputFacts:
         frame, stream = self._first, self._stream
         mirrored, rotation = _orientation(frame)
-        sideways = rotation in (90, 270)
+        width, height = turned(frame.width, frame.height, rotation)
         aspect = stream.sample_aspect_ratio
         return InputFacts(
             name=self.name,
             kind="stream" if self._remote else "container",
-            width=frame.height if sideways else frame.width,
-            height=frame.width if sideways else frame.height,
+            width=width,
+            height=height,
             frame_rate=_rate(stream),
             frames_declared=_declared_frames(self._container, stream),
             mirrored=mirrored,

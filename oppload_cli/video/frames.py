@@ -369,8 +369,12 @@ class WorkingSize(NamedTuple):
 
     def coded(self, rotation: int) -> tuple[int, int]:
         """Return width and height before the picture is turned by `rotation` degrees."""
-        sideways = rotation in (90, 270)
-        return (self.height, self.width) if sideways else (self.width, self.height)
+        return turned(self.width, self.height, rotation)
+
+
+def turned(width: int, height: int, rotation: int) -> tuple[int, int]:
+    """Return width and height of a picture after a turn by 0, 90, 180 or 270 degrees."""
+    return (height, width) if rotation in (90, 270) else (width, height)
 
 
 def is_integer(value: Any, least: int) -> bool:
