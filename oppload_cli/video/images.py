@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import stat
 import statistics
@@ -287,13 +288,14 @@ class CameraSource:
             raise SourceError(
                 f"{name}: this camera gives no picture; check that it is there and not in use"
             )
-        rate = self._capture.get(cv2.CAP_PROP_FPS)
+        rate = self._capture.get(cv2.CAP_PROP_FPS)  # a driver may divide by 0
+        known = 0 < rate < math.inf
         self.facts = InputFacts(
             name=name,
             kind="camera",
             width=first.shape[1],
             height=first.shape[0],
-            frame_rate=Fraction(rate).limit_denominator(1001) if rate > 0 else None,
+            frame_rate=(known and Fraction(rate).limit_denominator(1001)) or None,
             frames_declared=None,
             codec="raw",
             pixel_format="bgr24",

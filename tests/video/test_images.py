@@ -263,6 +263,15 @@ def test_a_camera_is_a_source_like_any_other(monkeypatch: pytest.MonkeyPatch) ->
     assert (frames[0].luma.shape, frames[0].time_s) == ((24, 32), 0)
 
 
+@pytest.mark.parametrize("stated", [0.0, -1.0, 1e-9, float("inf"), float("nan")])
+def test_a_camera_that_states_no_rate(monkeypatch: pytest.MonkeyPatch, stated: float) -> None:
+    monkeypatch.setattr(cv2, "VideoCapture", FakeCamera)
+    monkeypatch.setattr(FakeCamera, "get", lambda _self, _property: stated)
+    with open_video("camera:0", height=24) as video:
+        assert video.facts.frame_rate is None
+        assert len(list(video)) == 3
+
+
 @pytest.mark.parametrize("own_process", [False, True])
 def test_a_file_with_the_name_of_a_camera_is_given_with_its_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, own_process: bool
