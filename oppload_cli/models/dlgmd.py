@@ -134,7 +134,7 @@ class Dlgmd(Detector):
     parameters = DlgmdParams
     alarm_floors: ClassVar = {"default": 0.01}
     by_default = True
-    warm_up = 3
+    warm_up = 3  # S needs P now, one and two intervals ago
 
     params: DlgmdParams
 

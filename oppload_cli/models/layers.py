@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import DpcParams, Map
 
-MEMORY = 3  # S is computed from three maps of P: now, one and two intervals ago
 # Two frames have ages nearest to an interval: one is too young, the other too old. The younger one
 # is taken if it is too young by at most a quarter of the interval, and by at most 0.4 of the time
 # by which the older one is too old. These limits were measured at 20 to 144 frames/s.

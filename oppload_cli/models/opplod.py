@@ -8,7 +8,7 @@ from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.camera import NO_BARS, Bars, SteadyLight
 from oppload_cli.models.detector import Column, Detector
 from oppload_cli.models.dpc import smaller
-from oppload_cli.models.layers import MEMORY, Layers
+from oppload_cli.models.layers import Layers
 from oppload_cli.models.opplod_parameters import OpplodParams, OpplodResponse
 from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
 
@@ -165,7 +165,7 @@ class Opplod(Detector):
     }
     alarm_floors: ClassVar = {"default": 0.06, "reference": 8e-4}
     by_default = True
-    warm_up = MEMORY
+    warm_up = 3  # S needs P now, one and two intervals ago
     columns: ClassVar = (
         Column(
             "calcium",
@@ -250,5 +250,5 @@ class Opplod(Detector):
             return None
         if not isinstance(self.judgement, PooledJudgement):
             return self.judgement.judge(dpc)
-        smaller = self._smaller.latest if self._smaller else None
-        return self.judgement.judge(dpc, smaller, self._bars.widths if self._bars else NO_BARS)
+        latest = self._smaller.latest if self._smaller else None
+        return self.judgement.judge(dpc, latest, self._bars.widths if self._bars else NO_BARS)
