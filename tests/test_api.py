@@ -230,6 +230,18 @@ def test_a_rate_may_be_as_low_as_a_frame_a_week() -> None:
     assert last.time_s == pytest.approx(2 * 604_800)
 
 
+@pytest.mark.parametrize(
+    ("count", "sentence"),
+    [(1, "a curve needs two"), (3, "'opplod_response' is empty in every row")],
+    ids=["one frame", "warm-up alone"],
+)
+def test_a_result_without_a_response_gives_no_figure(count: int, sentence: str) -> None:
+    result = oppload.run(np.zeros((count, 9, 9), np.uint8), rate=30, rmo=False, height="native")
+    for plot in (oppload.plot_curves, oppload.plot_places):
+        with pytest.raises(ResultError, match=sentence):
+            plot(result)
+
+
 def test_settings_reach_the_detectors() -> None:
     result = oppload.run(
         np.stack(FRAMES), rate=30, rmo=False, settings={"opplod.gain": 2, "alarm.on": False},

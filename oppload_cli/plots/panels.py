@@ -156,11 +156,14 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
     Raises
     ------
     ResultError
-        If a result lacks a chosen detector, or curves are aligned and a contact is not known.
+        If a result lacks a chosen detector or its responses, or curves are aligned and a contact
+        is not known.
     """
     for result in results:
         result.need([f"{name}_response" for name in options.models])
     detectors = [options.models or result.models for result in results]
+    for result, names in zip(results, detectors, strict=True):
+        result.need_responses(names)
     labels = labels_of(results, options.labels)
     groups = []
     for at in in_number_order(labels):

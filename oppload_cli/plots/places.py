@@ -112,7 +112,7 @@ def plot_places(
     Raises
     ------
     ResultError
-        If the result has no places of the detector.
+        If the result has no places of the detector, or is too short for a response.
 
     Examples
     --------
@@ -125,6 +125,7 @@ def plot_places(
     detector = _detector(result, model)
     places = [f"{detector.name}_{name}" for name in ("unit_x", "unit_y", *Box._fields)]
     result.need(places)
+    result.need_responses([detector.name])
     x, y, *box = (check_numbers(result.path, result.frames, name) for name in places)
     response = result.frames[f"{detector.name}_response"].to_numpy(float)
     best = _peak(result, detector)

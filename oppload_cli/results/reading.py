@@ -99,6 +99,22 @@ class BaseResult:
             of_detector = models and name.endswith("_response")
             _need(self.path, self.frames, [name], other if of_detector else _ANOTHER_RESULT)
 
+    def need_responses(self, models: Sequence[str]) -> None:
+        """Raise a ResultError if there is one frame, or if a detector responded to no frame."""
+        if len(self.frames) < 2:
+            raise ResultError(
+                f"{self.path}: column 'frame' holds one row, and a curve needs two; run a longer "
+                "input"
+            )
+        for model in models:
+            name = f"{model}_response"
+            if np.isnan(self.frames[name].to_numpy(float)).all():
+                raise ResultError(
+                    f"{self.path}: column '{name}' is empty in every row, as during warm-up; "
+                    f"run an input that lasts longer than the warm-up of '{model}', "
+                    f"{detector_named(model).warm_up} intervals"
+                )
+
 
 @dataclass(frozen=True)
 class Tuning:
@@ -188,20 +204,7 @@ def read_result(
         result.need((f"{default_names()[0]}_response",))
     known = {column.name for column in columns_for(result.models, rmo=True, details=True)}
     check_frames(path, frames, known.intersection(frames.columns))
-    if len(frames) < 2:
-        raise ResultError(
-            f"{path}: column 'frame' holds one row, and a curve needs two; run a longer input"
-        )
-    for model in result.models:
-        if models is not None and model not in models:
-            continue
-        name = f"{model}_response"
-        if np.isnan(frames[name].to_numpy(float)).all():
-            raise ResultError(
-                f"{path}: column '{name}' is empty in every row, as during warm-up; "
-                f"run an input that lasts longer than the warm-up of '{model}', "
-                f"{detector_named(model).warm_up} intervals"
-            )
+    result.need_responses([name for name in result.models if models is None or name in models])
     return result
 
 
