@@ -159,7 +159,9 @@ class Analysis:
                 f"an axis of 3 colours, not of shape {values.shape}"
             )
         given: object = time_s  # a caller may give None, in spite of the type
-        if not isinstance(given, Real) or not math.isfinite(time_s):
+        # NumPy takes its durations for integers, but they are no numbers of seconds.
+        number = isinstance(given, Real) and not isinstance(given, np.timedelta64)
+        if not number or not math.isfinite(time_s):
             raise FrameError(
                 f"frame {count}: its time must be a finite number of seconds, not {time_s}"
             )

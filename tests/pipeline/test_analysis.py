@@ -454,6 +454,7 @@ def test_wrong_frames_one_by_one() -> None:
         (np.zeros((120, 90)), 0.0, FrameError, r"must be of shape \(90, 120\)"),
         (np.zeros((90, 120)), np.nan, FrameError, "time must be a finite number"),
         (np.zeros((90, 120)), None, FrameError, "finite number of seconds, not None"),
+        (np.zeros((90, 120)), np.timedelta64(33, "ms"), FrameError, "seconds, not 33 milliseconds"),
         (np.zeros((90, 120), np.int64), 0.0, SourceError, "type is int64"),
         (np.full((90, 120), 200.0), 0.0, SourceError, "frame 0 holds values outside"),
     ):
