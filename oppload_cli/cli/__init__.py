@@ -25,6 +25,7 @@ from oppload_cli.errors import (
     OutputError,
     ParameterError,
     ShortageError,
+    SourceError,
     printable,
     shortage,
     suggestion,
@@ -256,15 +257,26 @@ def _interruption(error: BaseException | None) -> str:
 
 
 def _explained(error: BaseException) -> BaseException:
-    """Return an OpploadError in place of an error of a full disk or of missing memory."""
+    """Return an OpploadError in place of an error of a disk, a folder or the memory."""
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:
         return OutputError("the output cannot be written (no space left on device); free some")
+    if isinstance(error, FileNotFoundError) and _is_nowhere():
+        return SourceError("the current folder was removed; change to another one")
     if isinstance(error, Exception) and not isinstance(
         error, OpploadError | click.ClickException | click.Abort | _ReaderGoneError
     ):
         short = shortage(error)
         return ShortageError(short) if short else error
     return error
+
+
+def _is_nowhere() -> bool:
+    """Return whether the current folder was removed."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def say(line: str) -> None:

@@ -153,7 +153,8 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
         first, *others = task.outputs.paths()
         names = [str(first), *(each.name for each in others)]
         speed = f" at {outcome.frames / outcome.wall_s:.0f} frames/s" if outcome.wall_s else ""
-        yield f"  {outcome.frames} frames{speed} -> {', '.join(names)}"
+        frames = "1 frame" if outcome.frames == 1 else f"{outcome.frames} frames"
+        yield f"  {frames}{speed} -> {', '.join(names)}"
     if not outcome.complete:
         yield incomplete(task, outcome)
     elif outcome.notes:

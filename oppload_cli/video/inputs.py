@@ -133,6 +133,8 @@ def left_out(name: str) -> Iterator[str]:
     These inputs are folders with inputs, and images beside videos. An image whose name begins with
     that of a video is a figure of the video, not an input.
     """
+    if not name:  # no input at all, though a path takes it for this folder
+        return
     try:
         entries = sorted(each for each in Path(name).iterdir() if not each.name.startswith("."))
         folders = [

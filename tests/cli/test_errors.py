@@ -100,6 +100,18 @@ def test_wrong_use(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps the current folder")
+def test_a_current_folder_that_was_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    ended, err = pytest.raises(SystemExit), io.StringIO()
+    with redirect_stderr(err), ended as code:
+        main(["run", "a.mp4"])
+    assert (code.value.code, "folder was removed; change to" in err.getvalue()) == (3, True)
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_cannot_be_written(clip: Path, tmp_path: Path) -> None:
     tmp_path.chmod(0o500)

@@ -21,7 +21,9 @@ def test_an_empty_folder(tmp_path: Path) -> None:
     assert "no video and no image in this folder" in str(found.error)
 
 
-def test_inputs_beside_the_videos_of_a_folder_give_a_note(tmp_path: Path) -> None:
+def test_inputs_beside_the_videos_of_a_folder_give_a_note(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     names = ("a.avi", "a.frames.png", "still.jpg", "anim.webp", "results/a.frames.csv")
     for name in (*names, "seq/1.png", "seq/2.png", "plots/x.png", ".trash/b.mp4", "cam/b.mp4"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -31,6 +33,8 @@ def test_inputs_beside_the_videos_of_a_folder_give_a_note(tmp_path: Path) -> Non
     assert ": 2 images (anim.webp, still.jpg) are left out beside videos; give a folder" in images
     for name in ("seq", "cam", "plots", "a.avi", "none"):
         assert not list(left_out(str(tmp_path / name)))
+    monkeypatch.chdir(tmp_path)
+    assert not list(left_out(""))  # an empty name is no folder
 
 
 def test_a_stem_depends_on_nothing_but_its_input() -> None:
