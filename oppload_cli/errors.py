@@ -7,6 +7,7 @@ fault, its place, and the remedy. Only ``oppload_cli.cli.main`` prints it.
 from __future__ import annotations
 
 import errno
+import re
 from enum import IntEnum
 from typing import TYPE_CHECKING, ClassVar
 
@@ -22,6 +23,7 @@ _NO_MEMORY = (
     "out of memory",
     "bad_alloc",  # in C++
 )
+_LOGIN = re.compile(r"(?<=://)[^/?#\s]*@")  # as FFmpeg finds it in an address
 
 
 class ExitCode(IntEnum):
@@ -146,13 +148,19 @@ def cannot_read(name: str, error: OSError) -> SourceError:
 
 
 def printable(text: str) -> str:
-    r"""Return a text with control characters and undecodable bytes written as ``\\x1b``.
+    r"""Return a text without logins, its control characters and undecodable bytes as ``\\x1b``.
 
     Names of files, which messages contain, may have line ends and escape sequences.
     """
     return "".join(
-        c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text
+        c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode()
+        for c in without_login(text)
     )
+
+
+def without_login(text: str) -> str:
+    """Return a text whose addresses lack user and password, so that no log or result has them."""
+    return _LOGIN.sub("", text)
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:

@@ -22,6 +22,7 @@ from oppload_cli.errors import (
     ShortageError,
     reason_of,
     shortage,
+    without_login,
 )
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
@@ -353,7 +354,7 @@ class _Run:
         groups = settings.resolved(min(working.width, working.height))
         return {
             "tool": environment(),
-            "command": list(task.command),
+            "command": [without_login(word) for word in task.command],
             "loaded": loaded(),
             "preset": settings.preset,
             "models": list(settings.models),

@@ -11,7 +11,7 @@ from fractions import Fraction
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Protocol
 
-from oppload_cli.errors import BusyError, OutputError
+from oppload_cli.errors import BusyError, OutputError, without_login
 from oppload_cli.files.atomic import PartFile, output_errors, part_of
 from oppload_cli.files.reading import is_file, reading
 from oppload_cli.files.tables import Table
@@ -208,7 +208,8 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     settings, facts = task.settings, content["input"]
     size = os.path.getsize(task.name) if is_file(task.name) else None  # noqa: PTH202 - any name
     other_size = size is not None and facts.get("bytes") not in {None, size}
-    if other_size or PurePath(task.name).name != PurePath(facts["name"]).name:
+    name = PurePath(without_login(task.name)).name
+    if other_size or name != PurePath(facts["name"]).name:
         yield f"of another input, {facts['name']}"
     rate = facts["frame_rate"]
     if facts["kind"] == "images" and Fraction(rate) != (task.image_rate or USUAL_RATE):

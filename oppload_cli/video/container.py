@@ -18,7 +18,7 @@ import av
 import numpy as np
 from av.codec.context import Flags
 
-from oppload_cli.errors import SourceError, cannot_read, reason_of
+from oppload_cli.errors import SourceError, cannot_read, reason_of, without_login
 from oppload_cli.files.reading import is_file
 from oppload_cli.processes import cores
 from oppload_cli.video.frames import (
@@ -431,7 +431,7 @@ class ContainerSource:
         width, height = turned(frame.width, frame.height, rotation)
         aspect = stream.sample_aspect_ratio
         return InputFacts(
-            name=self.name,
+            name=without_login(self.name),
             kind="stream" if self._remote else "container",
             width=width,
             height=height,

@@ -106,7 +106,7 @@ class Picture:
 class InputFacts:
     """The facts that an input declares about itself."""
 
-    name: str  # as the user wrote it
+    name: str  # as the user wrote it, an address without user and password
     kind: str  # container, images, camera, stream, stimulus or array
     width: int  # of the displayed picture, in source pixels
     height: int

@@ -15,7 +15,7 @@ from numbers import Real
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from oppload_cli.errors import ParameterError, SourceError, cannot_read
+from oppload_cli.errors import ParameterError, SourceError, cannot_read, without_login
 from oppload_cli.files.reading import fault_of_stem, is_file, is_folder, is_there
 from oppload_cli.video.frames import FrameTimes, is_integer
 
@@ -257,7 +257,8 @@ def _path_bytes(name: str) -> bytes:
 
 def _stem(name: str) -> str:
     if "://" in name or is_camera(name):
-        return re.sub(r"[^A-Za-z0-9.]+", "-", name.partition("?")[0]).strip("-.")
+        address = without_login(name).partition("?")[0]
+        return re.sub(r"[^A-Za-z0-9.]+", "-", address).strip("-.")
     if is_folder(name):
         return Path(os.path.realpath(name)).name or "root"
     # "frames_%04d.png" gives "frames".

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.video.source import open_video
+from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -90,3 +92,25 @@ def test_an_answer_that_is_shorter_than_stated_broke_off(tmp_path: Path) -> None
     assert (cut.complete, cut.failures) == (False, 1)
     assert "the stream broke off (input/output error)" in cut.messages
     assert decoded(content, len(content)).complete
+
+
+def test_no_result_and_no_message_holds_a_login(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = write_video(tmp_path / "a.mkv", grey_frames(1)).read_bytes()
+    options = ("--height", "48", "--no-rmo", "-o", tmp_path / "results")
+    with served(content, len(content)) as address:
+        host = address.removeprefix("http://")
+        named = f"http://me:pass@word@{host}"
+        words = ("run", named, *options, "--if-exists", "skip")
+        monkeypatch.setattr(sys, "argv", ["oppload", *map(str, words)])
+        done, again = oppload(*words), oppload(*words)
+    assert (done.returncode, again.returncode) == (0, 0)
+    assert f"{address}: OppLoD no alarm" in done.stderr
+    assert "1 frame at" in done.stderr
+    assert f"{address}: skipped" in again.stderr
+    written = sorted((tmp_path / "results").iterdir())
+    stem = "http-" + host.replace(":", "-").replace("/", "-")
+    assert {each.name.partition(".frames")[0] for each in written} >= {stem}
+    texts = [done.stderr, again.stderr, *(f"{each} {each.read_text()}" for each in written)]
+    assert not any("pass" in text or "word" in text for text in texts)
