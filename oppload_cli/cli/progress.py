@@ -195,8 +195,8 @@ class AlarmTable:
             shown = end = ""  # only in the row of the first detector
 
     def legend(self) -> Iterator[str]:
-        """Yield the meaning of the column of peaks, if there are rows."""
-        if not self._is_new:
+        """Yield the meaning of the column of peaks, if there are rows with peaks."""
+        if self._models and not self._is_new:
             yield "peak: largest response of the input, as a multiple of its threshold (x)"
         if self._stars:
             yield f"*: a peak {uncounted(None)}"
@@ -207,7 +207,8 @@ class AlarmTable:
             titles = f"{'detector':<{_LABEL}}{titles}"
         else:
             labels = (f"{label_of(name):<{_CELL}}" for name in self._models)
-            yield f"{'':<{self._wide}}  {''.join(labels)}".rstrip()
+            if self._models:
+                yield f"{'':<{self._wide}}  {''.join(labels)}".rstrip()
             titles *= len(self._models)
         yield f"{'input':<{self._wide}}  {titles}frames/s"
 

@@ -110,7 +110,8 @@ def run_inputs(
     if alone:
         code = _run_one(next(tasks), options, opening)
     else:
-        code = _Batch(plan, settings.models, options).run(tasks)
+        shown = settings.models if settings.alarm.on else ()
+        code = _Batch(plan, shown, options).run(tasks)
     if not options.report_pages:
         return code
     return _report(_tasks(plan, task, options), options) or code
@@ -257,7 +258,10 @@ def _only(inputs: tuple[str, ...], options: RunOptions) -> str:
 
 
 class _Batch:
-    """Runs the inputs of a plan, and prints their outcomes; the observer of the tasks."""
+    """Runs the inputs of a plan, and prints their outcomes; the observer of the tasks.
+
+    `models` are the detectors whose alarms are printed: none if alarms are off.
+    """
 
     def __init__(self, plan: Plan, models: Sequence[str], options: RunOptions) -> None:
         self._plan, self._options, self._verbosity = plan, options, options.verbosity
@@ -265,7 +269,7 @@ class _Batch:
         self._failures = options.output / f"failures{part}.csv"
         self._alarms = options.output / f"alarms{part}.csv"
         self._rows = AlarmTable((each.stem for each in plan.inputs), models)
-        self._tally = Tally(plan.failures)
+        self._tally, self._shown = Tally(plan.failures), bool(models)
         self._remarked = 0
         for failure in plan.failures:
             say(f"oppload: {failure.message}")
@@ -332,7 +336,8 @@ class _Batch:
             say(f"oppload: {error}")
         if self._verbosity >= 0:
             wall_s = time.monotonic() - self._begun
-            alarms = self._tally.alarms(_LISTED, self._alarms, dict(self._plan.inputs))
+            stems = dict(self._plan.inputs)
+            alarms = self._tally.alarms(_LISTED, self._alarms, stems) if self._shown else ()
             for line in (*self._rows.legend(), *self._tally.table(wall_s), *alarms):
                 say(line)
             more = self._remarked - _LISTED

@@ -378,6 +378,10 @@ def test_of_many_detectors_each_has_a_row(tmp_path: Path) -> None:
         assert [row[:7].strip() for row in rows] == [name, "", "", ""]
     counted = f"2 of 2 alarmed; all alarms: {tmp_path / 'alarms.csv'}"
     assert lines[lines.index(counted) + 1] == f"  {'frame difference':<26}2"
+    off = oppload(*words, "--set", "alarm.on=false", "--if-exists", "overwrite").stderr
+    assert "alarms are off" in off
+    assert off.splitlines()[1].split() == ["input", "frames/s"]
+    assert not any(word in off for word in ("alarmed", "peak", "OppLoD"))
 
 
 def test_remarks_on_frame_rates_belong_to_every_batch(tmp_path: Path) -> None:
