@@ -12,19 +12,24 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 MODULES = structure.modules_of(structure.ROOT)
-IMPORTS = [
-    (module, other)
-    for module, imported in structure.import_graph(MODULES).items()
-    for other in sorted(imported)
-]
+
+
+@pytest.fixture(scope="module")
+def imports() -> structure.Graph:
+    return structure.import_graph(MODULES)
 
 
 def _layer(module: str) -> int:
     return structure.layer_of(structure.room_of(module))
 
 
-def test_no_module_imports_from_a_layer_above() -> None:
-    upward = [(module, other) for module, other in IMPORTS if _layer(other) < _layer(module)]
+def test_no_module_imports_from_a_layer_above(imports: structure.Graph) -> None:
+    upward = [
+        (module, other)
+        for module, imported in imports.items()
+        for other in imported
+        if _layer(other) < _layer(module)
+    ]
     assert upward == []
 
 
@@ -52,8 +57,10 @@ def test_an_unknown_room_is_an_error() -> None:
         structure.layer_of("cellar")
 
 
-def test_a_detector_that_is_loaded_by_its_name_counts_as_imported() -> None:
-    registry = structure.import_graph(MODULES)["oppload_cli.models.registry"]
+def test_a_detector_that_is_loaded_by_its_name_counts_as_imported(
+    imports: structure.Graph,
+) -> None:
+    registry = imports["oppload_cli.models.registry"]
     assert {"oppload_cli.models.opplod", "oppload_cli.models.published.lgmd2"} < registry
 
 

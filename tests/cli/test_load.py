@@ -12,11 +12,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from oppload_cli.errors import ParameterError
+from oppload_cli.models import LOAD, registry
+from tests.cli import inside
 from tests.cli.inside import run
 from tests.cli.process import oppload
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 DETECTOR = """
@@ -41,6 +45,17 @@ class Darkening(oppload.Detector):
         before, self.before = self.before, luma.copy()
         return None if before is None else oppload.Response(np.mean(before > luma))
 """
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The file of a user's detector, to be loaded into this process until the test ends."""
+    monkeypatch.setattr(registry, "_loaded", {})
+    path = tmp_path / "own.py"
+    path.write_text(DETECTOR)
+    yield path
+    registry.forget("darkening")
+    sys.modules.pop("loaded_own", None)
 
 
 def test_a_loaded_detector_runs_also_in_other_processes(tmp_path: Path) -> None:
@@ -68,34 +83,41 @@ def test_a_loaded_detector_runs_also_in_other_processes(tmp_path: Path) -> None:
     assert oppload("plot", result, OPPLOAD_LOAD=str(tmp_path / "own.py")).returncode == 0
 
 
-def test_a_detector_without_a_floor_is_told_once(tmp_path: Path) -> None:
-    bare = DETECTOR.replace('    alarm_floors: ClassVar = {"default": 0.1}\n', "")
-    (tmp_path / "own.py").write_text(bare)
+def test_a_detector_without_a_floor_is_told_once(own: Path, tmp_path: Path) -> None:
+    own.write_text(DETECTOR.replace('    alarm_floors: ClassVar = {"default": 0.1}\n', ""))
+    registry.load(str(own))
     for name in ("a.avi", "b.avi"):
         write_video(tmp_path / name, grey_frames(9))
     words = ["run", "a.avi", "b.avi", "-o", "out", "--model", "darkening,dlgmd", "--no-rmo"]
     words += ["--if-exists", "overwrite", "--height", "native", "-j", "1"]
-    done = oppload("--load", "own.py", *words, cwd=tmp_path)
+    done = inside.oppload(*words, cwd=tmp_path)
     said = "oppload: darkening has no floor: any response above 0 may cause an alarm; set alarm_"
     assert (done.returncode, done.stderr.count(said), done.stderr.count("no floor")) == (0, 1, 1)
     for more in (("--set", "alarm.darkening_floor=0.1"), ("--set", "alarm.on=false")):
-        assert "no floor" not in oppload("--load", "own.py", *words, *more, cwd=tmp_path).stderr
+        assert "no floor" not in inside.oppload(*words, *more, cwd=tmp_path).stderr
 
 
-def test_a_file_that_cannot_be_loaded_is_named(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_loaded_is_named(
+    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "broken.py").write_text("x = (")
-    (tmp_path / "nameless.py").write_text(DETECTOR.replace('"darkening"', '"dlgmd"'))
     (tmp_path / "idle.py").write_text(DETECTOR.replace("@oppload.register\n", ""))
-    for name, fault in (
-        ("broken.py", "broken.py: cannot be imported (SyntaxError: '(' was never closed"),
-        ("none.py", "--load none.py: no such file; check the name"),
-        ("idle.py", "--load idle.py: registers no detector; write @oppload.register above its"),
-        ("no_such_module", "no_such_module: cannot be imported (ModuleNotFoundError: "),
-        ("nameless.py", "detector 'dlgmd' (loaded_nameless.Darkening): its name is taken"),
+    monkeypatch.setenv(LOAD, "")  # which the command sets
+    for how, name, fault in (
+        (oppload, "broken.py", "broken.py: cannot be imported (SyntaxError: '(' was never closed"),
+        (inside.oppload, "none.py", "--load none.py: no such file; check the name"),
+        (inside.oppload, "idle.py", "--load idle.py: registers no detector; write @oppload.regis"),
     ):
-        done = oppload("--load", name, "models", cwd=tmp_path)
+        done = how("--load", name, "models", cwd=tmp_path)
         assert (done.returncode, fault in done.stderr) == (2, True), done.stderr
         assert done.stderr.count("\n") == 1
+    own.write_text(DETECTOR.replace('"darkening"', '"dlgmd"'))
+    for name, fault in (
+        ("no_such_module", r"no_such_module: cannot be imported \(ModuleNotFoundError: "),
+        (str(own), r"detector 'dlgmd' \(loaded_own\.Darkening\): its name is taken"),
+    ):
+        with pytest.raises(ParameterError, match=fault):
+            registry.load(name)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no name has a colon there")
@@ -111,11 +133,12 @@ def test_a_path_that_separates_names_is_refused(
     assert "--load own.py: its path holds ':', which separates the names" in done.stderr
 
 
-def test_a_step_that_fails_names_the_detector_and_leaves_no_file(tmp_path: Path) -> None:
-    (tmp_path / "own.py").write_text(DETECTOR.replace("np.mean(before > luma)", "[][0]"))
+def test_a_step_that_fails_names_the_detector_and_leaves_no_file(own: Path, tmp_path: Path) -> None:
+    own.write_text(DETECTOR.replace("np.mean(before > luma)", "[][0]"))
+    registry.load(str(own))
     write_video(tmp_path / "a.avi", grey_frames(9))
     words = ("run", "a.avi", "-o", "out", "--model", "darkening", "--no-rmo")
-    done = oppload("--load", "own.py", *words, cwd=tmp_path)
+    done = inside.oppload(*words, cwd=tmp_path)
     assert done.returncode == 2
     line = 1 + DETECTOR.splitlines().index(DETECTOR.splitlines()[-1])
     assert "detector 'darkening': its step failed (IndexError: list index" in done.stderr
@@ -133,15 +156,16 @@ def test_a_detector_that_another_file_registers_is_enough(tmp_path: Path) -> Non
 
 
 def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "own.py").write_text(DETECTOR)
+    monkeypatch.chdir(tmp_path)
+    registry.load(str(own))
     words = ("tune", "bar-expand-60", "--over", "axis=0,90", "--model", "darkening", "--height",
              "60", "-j", "1", "--plot", "none")  # fmt: skip
-    done = oppload("--load", "own.py", *words, cwd=tmp_path)
+    done = run(capsys, *words)
     assert done.returncode == 0, done.stderr
     table = next(tmp_path.glob("*.tuning.csv"))
-    monkeypatch.chdir(tmp_path)
+    registry.forget("darkening")
     refused = run(capsys, "plot", table.name)
     assert refused.returncode == 2
     assert refused.stderr == (
@@ -153,4 +177,5 @@ def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(
         assert unknown.returncode == 2
         assert "no model 'darkening'; choose " in unknown.stderr
         assert f"'oppload --load FILE.py {command[0]} ...'" in unknown.stderr
-    assert oppload("--load", "own.py", "plot", table.name, cwd=tmp_path).returncode == 0
+    registry.load(str(own))
+    assert run(capsys, "plot", table.name).returncode == 0

@@ -207,12 +207,14 @@ def test_the_lists_of_a_batch_are_no_results(name: str, tmp_path: Path, capsys: 
     assert "no column 'frame'" in run(capsys, "plot", listed).stderr
 
 
-def test_the_settings_of_matplotlib_of_a_user_change_nothing(tmp_path: Path) -> None:
+def test_the_settings_of_matplotlib_of_a_user_change_nothing(
+    tmp_path: Path, capsys: Capture
+) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     settings = tmp_path / "matplotlibrc"
     settings.write_text("text.usetex: True\nfont.size: 30\nsavefig.bbox: tight\n")
     plain, own = tmp_path / "plain.png", tmp_path / "own.png"
-    assert oppload("plot", table, "-o", plain).returncode == 0
+    assert run(capsys, "plot", table, "-o", plain).returncode == 0
     done = oppload("plot", table, "-o", own, MPLBACKEND="nosuch", MATPLOTLIBRC=str(settings))
     assert (done.returncode, done.stderr) == (0, "")
     assert plain.read_bytes() == own.read_bytes()

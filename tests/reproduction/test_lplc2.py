@@ -120,14 +120,14 @@ def off_centre(
 
 
 def test_a_loom_off_the_centre() -> None:
-    *near, far = off_centre(((15.0, 0.0), (10.6, 10.6), (30.0, 0.0)))
-    assert all(0.5 <= each <= 0.9 for each in near)
+    near, far = off_centre(((10.6, 10.6), (30.0, 0.0)))
+    assert 0.5 <= near <= 0.9
     assert far <= 0.3
 
 
 def test_the_unit_over_a_loom_wins() -> None:
     settings = resolve(preset="lplc2", models=["opplod"])
-    for place in ((0.0, 0.0), (10.0, 0.0), (10.6, -10.6)):
+    for place in ((0.0, 0.0), (10.6, -10.6)):
         (protocol,) = load_all("klapoetke2017/loom", {"disk.centre_deg": list(place)})
         found = present(protocol, settings)["opplod"]
         at = 180 + 5 * np.array([place[0], -place[1]])

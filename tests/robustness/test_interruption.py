@@ -18,7 +18,8 @@ import pytest
 
 from oppload_cli.errors import OpploadError, ResultError
 from oppload_cli.results.reading import read_result
-from tests.cli.process import ENTRY, oppload
+from tests.cli.inside import oppload
+from tests.cli.process import ENTRY
 from tests.media import grey_frames, write_video
 from tools.attack.judge import adopt_orphans, faults, prepared
 

@@ -24,6 +24,7 @@ from oppload_cli.video.frames import (
     max_pixels,
 )
 from oppload_cli.video.source import open_video
+from tests.cli import inside
 from tests.cli.process import oppload
 from tests.robustness.inputs import KINDS, Kind, make
 
@@ -130,7 +131,7 @@ def test_a_wrong_limit_is_no_fault_of_the_input(
     cv2.imwrite(str(folder / "0.png"), np.zeros((64, 96), np.uint8))
     monkeypatch.setenv(MAX_PIXELS, "abc")
     for path in (video, folder):
-        done = oppload("run", path, "-o", tmp_path / "out")
+        done = inside.oppload("run", path, "-o", tmp_path / "out")
         assert done.returncode == 2
         sentence = "OPPLOAD_MAX_PIXELS must be an integer from 1 to 2147483647, not 'abc'"
         assert done.stderr == f"oppload: {sentence}\n"

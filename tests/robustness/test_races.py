@@ -65,11 +65,11 @@ def test_parallel_runs(command: tuple[str, ...], results: Path, tmp_path: Path) 
             stderr=subprocess.PIPE,
             text=True,
         )
-        for _ in range(4)
+        for _ in range(3)
     ]
     said = [run.communicate(timeout=120)[1] for run in runs]
     codes = [run.returncode for run in runs]
-    assert sorted(codes) == [0, 2, 2, 2], said
+    assert sorted(codes) == [0, 2, 2], said
     for code, each in zip(codes, said, strict=True):
         if code:
             assert "exists already" in each or "another run is writing it" in each

@@ -44,14 +44,12 @@ pytestmark = [
 
 
 @pytest.fixture(autouse=True)
-def _possible(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _possible(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the process of the tests fork another one, although it has threads."""
     monkeypatch.setattr(opening, "_can_fork", lambda: True)
     monkeypatch.setattr(opening, "cores", lambda: 2)
     gc.collect()
     gc.freeze()  # decoders of other tests, freed in the fork, would wait for their threads
-    yield
-    gc.unfreeze()
 
 
 def begun(path: Path | str, height: int | None = 240, span: Span | None = None) -> Opening:
@@ -255,7 +253,9 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ({}, 'preset = "paper"\n'),
         pytest.param({"preset": "reference"}, "height = 50\n", marks=pytest.mark.slow),
         ({"height": "30"}, "height = 50\n"),
-        ({"height": "native"}, 'preset = "paper"\nheight = 50\n'),
+        pytest.param(
+            {"height": "native"}, 'preset = "paper"\nheight = 50\n', marks=pytest.mark.slow
+        ),
         ({}, 'height = "native"\n'),
     ],
 )
