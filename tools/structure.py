@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tokenize
 from collections import Counter
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -85,6 +86,11 @@ def modules_of(root: Path) -> dict[str, Path]:
     return found
 
 
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text("utf-8"))
+
+
 def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
     """Return the modules of the package that each of `modules` imports.
 
@@ -93,7 +99,7 @@ def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
     """
     graph: Graph = {}
     for module, path in modules.items():
-        tree = ast.parse(path.read_text("utf-8"))
+        tree = _tree(path)
         nodes = ast.walk(tree) if types else _run_when_imported(tree)
         names = {name for node in nodes for name in _imported_names(node, modules)}
         graph[module] = names - {module}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -218,6 +219,7 @@ def test_a_looming_disk_has_the_same_peak_at_any_rate(name: str, rate: float, mo
     assert 1 / most <= here / there <= most
 
 
+@cache
 def peak_of_the_default(rate: int, l_over_v_ms: int) -> float:
     changes = {"disk.growth.l_over_v_ms": l_over_v_ms, "display.frame_rate": rate}
     video = StimulusVideo(load("klapoetke2017/loom-l-over-v", changes), 240)

@@ -295,15 +295,23 @@ def test_frames_one_by_one_give_the_results_of_the_array() -> None:
     assert left.time_to_contact_s == pytest.approx(1.2 - TIMES[-3], rel=0.1)
 
 
+@pytest.fixture(scope="module")
+def undisturbed() -> list[FrameRecord]:
+    analysis = Analysis((180, 320))
+    return [analysis.step(*each) for each in zip(approach(), TIMES, strict=True)]
+
+
 @pytest.mark.parametrize("frame", [10, 18])
 @pytest.mark.parametrize("late_s", [0.08, 5.0, -3.0])
-def test_one_wrong_time_costs_neither_alarm_nor_time_to_contact(frame: int, late_s: float) -> None:
+def test_one_wrong_time_costs_neither_alarm_nor_time_to_contact(
+    frame: int, late_s: float, undisturbed: list[FrameRecord]
+) -> None:
     """After a jump by seconds the models begin again, which takes six frames."""
-    right, wrong = Analysis((180, 320)), Analysis((180, 320))
+    wrong = Analysis((180, 320))
     alarms, contacts = [], []
-    for index, picture in enumerate(approach()):
-        given = TIMES[index], TIMES[index] + (late_s if index == frame else 0)
-        records = [each.step(picture, t) for each, t in zip((right, wrong), given, strict=True)]
+    for index, (picture, right) in enumerate(zip(approach(), undisturbed, strict=True)):
+        given = TIMES[index] + (late_s if index == frame else 0)
+        records = (right, wrong.step(picture, given))
         alarms.append([record.alarms["opplod"] for record in records])
         found = [record.objects["opplod"] for record in records]
         contacts.append([each.time_to_contact_s for each in found if each])

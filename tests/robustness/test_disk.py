@@ -142,7 +142,17 @@ def one_sentence(done: Done, sentence: str) -> None:
     assert (len(lines), done.stdout) == (1, "")
 
 
-@pytest.mark.parametrize("command", WRITERS.values(), ids=WRITERS)
+# These draw a figure for each place, and write it as a PNG is written.
+SLOW = {"plot svg", "plot pdf"}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(words, id=name, marks=[pytest.mark.slow] if name in SLOW else [])
+        for name, words in WRITERS.items()
+    ],
+)
 def test_every_command_says_in_one_sentence_that_it_cannot_write(
     command: tuple[str, ...],
     words: dict[str, Path],
