@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.errors import OpploadError, StimulusError
+from oppload_cli.errors import OpploadError, StimulusError, reason_of, suggestion
 from oppload_cli.stimulus.patterns import noise_tile
 from oppload_cli.stimulus.staging import camera_of, view_of
 from oppload_cli.stimulus.surfaces import Placed, Surface, Texture
+from oppload_cli.stimulus.tables import SURROUNDINGS
 from oppload_cli.video.images import read_transparent
 from oppload_cli.video.inputs import IMAGE_SUFFIXES
 from oppload_cli.video.source import open_video
@@ -140,7 +141,11 @@ class _Video:
             self._times, self._pictures, self._end = _footage(
                 scene, protocol.display, end_s, changed
             )
-        except (OpploadError, OSError) as problem:
+        except OSError as error:
+            hint = suggestion(Path(str(scene.background)).name, SURROUNDINGS)
+            hint = hint if "did you mean" in hint else "; check the path"
+            raise StimulusError(f"{where}: cannot be read ({reason_of(error)}){hint}") from None
+        except OpploadError as problem:
             raise StimulusError(f"{where}: {problem}") from None
         last_s = protocol.time_of(protocol.frame_count - 1) + self._first
         if scene.background_end != "loop" and last_s >= self._end:

@@ -382,8 +382,13 @@ def test_a_still_picture_has_no_times(tmp_path: Path, scene: dict[str, Any], sai
 
 
 def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(StimulusError, match=r"scene: background = '.*gone.mp4': .*gone.mp4"):
+    with pytest.raises(
+        StimulusError,
+        match=r"scene: background = '.*gone.mp4': cannot be read \(no such file.*; check the path$",
+    ):
         Renderer(staged(None, {"background": str(tmp_path / "gone.mp4")}))
+    with pytest.raises(StimulusError, match=r"cannot be read \(no .*; did you mean 'forest'\?$"):
+        Renderer(staged(None, {"background": str(tmp_path / "forrest")}))
     course = {"kind": "hovering", "distance_m": 1.0}
     with pytest.raises(StimulusError, match=r"object 'thing': file = '.*gone.png'"):
         Renderer(staged(course, file=str(tmp_path / "gone.png")))
