@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import cycle, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
 from oppload_cli.plots.polar import direction_tunings, plot_polar
 from oppload_cli.plots.style import (
     COLUMN,
+    DASHES,
     DECADES,
     FAINT,
     FEW,
@@ -294,8 +296,13 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     with styled_figure(PAGE if many else COLUMN, min(MOST_HEIGHT, height)) as figure:
         axes = list(figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0])
         for panel, group in zip(axes, groups, strict=True):
+            # Grey curves share their colour, so that only dashes and markers tell them apart.
+            grey = cycle(product(("full", "none"), DASHES))
             for curve in group:
-                _draw_line(panel, curve, parameter, curve.look, raw=raw)
+                look = dict(curve.look)
+                if curve.doubts:
+                    look["fillstyle"], look["linestyle"] = next(grey)
+                _draw_line(panel, curve, parameter, look, raw=raw)
             unit = group[0].detector.unit
             panel.set_ylabel(f"peak response ({unit})" if raw else "peak / largest peak")
             begin_at_zero(panel)

@@ -173,6 +173,17 @@ def test_a_line_that_means_little_is_thin_and_grey(tmp_path: Path) -> None:
     assert (dlgmd.get_color(), dlgmd.get_linewidth()) == (FAINT, 0.7)
 
 
+def test_several_lines_that_mean_little_are_told_apart(tmp_path: Path) -> None:
+    names = ["opplod", "dlgmd", "lgmd1_group", "lgmd2", "ci_lmd", "mlplc2"]
+    peaks = {name: [4.0, 2, 1] for name in names}
+    path = write_tuning(tmp_path / "a.tuning.csv", {"disk.size_deg": [1.0, 2, 3]}, peaks)
+    with_sidecar(path, {"doubts": [{"model": name, "note": "below it"} for name in names]})
+    lines = plot_tuning(read_tuning(path))[1][0].lines
+    assert {line.get_color() for line in lines} == {FAINT}
+    looks = {(vars(line)["_unscaled_dash_pattern"], line.get_fillstyle()) for line in lines}
+    assert len(looks) == len(names)
+
+
 def with_sidecar(path: Path, content: dict[str, object]) -> None:
     sidecar = path.with_suffix(".json")
     sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | content))
