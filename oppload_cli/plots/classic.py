@@ -238,7 +238,7 @@ def _half_distance(x: Series, y: Series, share: NDArray[np.float64]) -> str:
 
 def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak for a bar that grows at both ends, at one, and the sum of both single ends."""
-    curves = request.of_one_table("one end and both")
+    curves = request.of_one_table("a figure of one end and both")
     tuning = curves[0].tuning
     wanted = "the sides and the axis of a bar; run 'oppload tune --figure bar-ends'"
     sides, axis = (column_of(tuning, end, wanted, of=2) for end in (".sides", "axis_deg"))

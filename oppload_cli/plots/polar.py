@@ -205,8 +205,9 @@ def _of_detector(
     """Return the curve of a detector; its name contains that of the table, if `table` has one."""
     direction = tuning.direction
     if direction is None:
+        kind = "heat" if len(tuning.parameters) == 2 else "line"
         raise ResultError(
-            f"{tuning.path}: has no column of a direction, such as bar.axis_deg; draw --kind line"
+            f"{tuning.path}: has no column of a direction, such as bar.axis_deg; draw --kind {kind}"
         )
     if len(tuning.parameters) > 1:
         other = next(name for name in tuning.parameters if name != direction)

@@ -136,7 +136,7 @@ def plot_tuning(
                 f"{each.path}: holds one condition, so that there is nothing to draw; sweep over "
                 "more values"
             )
-    title = _title(tunings) if title is None else title
+    title = _title(tunings, kind) if title is None else title
     shown = [_reduced(each) for each in tunings] if kind in {"polar", "line"} else tunings
     if kind == "polar":
         curves = direction_tunings(shown, models, lplc2, names)
@@ -232,10 +232,14 @@ def _figure(tuning: Tuning) -> dict[str, Any]:
     return figure if isinstance(figure, dict) else {}
 
 
-def _title(tunings: Sequence[Tuning]) -> str:
-    """Return the name of the stimulus of a single table, and the indicator of all tables."""
+def _title(tunings: Sequence[Tuning], kind: str) -> str:
+    """Return the name of the stimulus of a single table, and the indicator of all tables.
+
+    A classic figure has a title of its own, which suits its own kind of plot only.
+    """
     first = tunings[0]
-    title = str(_figure(first).get("title", first.name)) if len(tunings) == 1 else ""
+    figure = _figure(first) if kind == kind_of(first) else {}
+    title = str(figure.get("title", first.name)) if len(tunings) == 1 else ""
     indicators = {indicator_of(each.sidecar) for each in tunings}
     through = f"through an {indicators.pop()}" if len(indicators) == 1 and all(indicators) else ""
     return ", ".join(filter(None, (title, through)))

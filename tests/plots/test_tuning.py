@@ -282,10 +282,22 @@ def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: P
         plot_tuning([tuning], "polar")
     with pytest.raises(ResultError, match=r"sweeps disk\.size_deg; a heat map needs two"):
         plot_tuning([tuning], "heat")
+    values = {"disk.growth.speed_deg_s": [10.0, 20], "disk.size_deg": [5.0, 9]}
+    both = read_tuning(write_tuning(tmp_path / "c.tuning.csv", values, {"opplod": [1.0, 2]}))
+    with pytest.raises(ResultError, match=r"no column of a direction.*--kind heat"):
+        plot_tuning([both], "polar")
     axes = read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))
     for table in (tuning, axes):  # as a line, and as a polar plot
         with pytest.raises(ResultError, match="column 'model' never holds 'dlgmd'; leave it out"):
             plot_tuning(table, models=["dlgmd"])
+
+
+def test_a_classic_figure_of_another_kind_has_the_title_of_its_stimulus(tmp_path: Path) -> None:
+    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
+    path = write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [4.0, 2, 1]})
+    with_sidecar(path, {"figure": {"title": "Size at the peak", "kind": "contact"}})
+    (panel,) = plot_tuning(read_tuning(path), "line")[1]
+    assert panel.get_title("left") == "klapoetke2017/bar-expand-10"
 
 
 def test_a_tuning_table_is_recognised_by_its_header(tmp_path: Path) -> None:
