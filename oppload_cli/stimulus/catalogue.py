@@ -114,10 +114,13 @@ class Entry:
             table = self.table
             for dotted, value in values.items():
                 table = _with_value(table, dotted, value, f"{self.path}: sweep")
-            protocols.append(Protocol.from_table({**table, "name": name}, self.label))
+            # A changed key that is swept has another value in each member.
+            told = self.changes | {key: values[key] for key in self.changes if key in values}
+            where = replace(self, changes=told).label
+            protocols.append(Protocol.from_table({**table, "name": name}, where))
         return protocols
 
-    def with_settings(self, settings: dict[str, Any]) -> Entry:
+    def with_settings(self, settings: dict[str, Any], option: str = "--change") -> Entry:
         """Return a copy with some values changed.
 
         Parameters
@@ -127,6 +130,8 @@ class Entry:
             a swept key, the value or list of values replaces the values of the sweep. A key that
             excludes a key of the file (``pixels_per_degree`` and ``field_of_view_deg``) replaces
             this key.
+        option : str
+            The user's option that has the settings, for messages.
 
         Raises
         ------
@@ -146,7 +151,7 @@ class Entry:
                 sweep[dotted] = value if several and value else [value]
                 only = "*"
             else:
-                table = _with_value(table, dotted, value, f"{self.name}: --change {dotted}")
+                table = _with_value(table, dotted, value, f"{self.name}: {option} {dotted}")
         changes = {**self.changes, **settings}
         return replace(self, table=table, sweep=sweep, only=only, changes=changes)
 
@@ -442,9 +447,10 @@ def _with_value(table: dict[str, Any], dotted: str, value: object, where: str) -
         return {**table, dotted: value}
     owners = (*_TABLES, *(str(one.get("id")) for one in objects_of(table)))
     if first not in owners or not rest:
-        known = [*(f"{name}.KEY" for name in owners), "seed"]
         hint = suggestion(first, (*owners, "seed")) if rest else ""
-        hint = hint if "did you mean" in hint else f"; a key starts with {', '.join(known)}"
+        if "did you mean" not in hint:
+            known = ", ".join(f"{name}.KEY" for name in owners)
+            hint = f"; a key starts with {known}, or is one of seed, {', '.join(WORDS)}"
         raise StimulusError(f"{where}: no key '{dotted}'{hint}")
     return _with_owner(table, first, lambda owner: _put(owner, rest, value, where))
 

@@ -342,7 +342,10 @@ class Object(Table):
 
     def _check_contrast(self) -> None:
         mean, contrast = self.base_luminance, self.contrast
-        if self.kind in GRATINGS and not 0 <= contrast * mean <= 1 - mean:
+        if self.kind in (*GRATINGS, *_TEXTURED) and contrast < 0:
+            raise StimulusError(f"contrast of a {self.kind} must be at least 0, not {contrast:g}")
+        # 1e-9: the products and differences of these numbers are rounded.
+        if self.kind in GRATINGS and contrast * mean > min(mean, 1 - mean) + 1e-9:
             raise StimulusError(
                 f"contrast = {contrast:g} takes luminance = {mean:g} out of 0 to 1; lower one of "
                 "them"
@@ -352,8 +355,6 @@ class Object(Table):
                 f"contrast = {contrast:g} makes the dots brighter than 1 at luminance = {mean:g}; "
                 "lower one of them"
             )
-        if self.kind in _TEXTURED and contrast < 0:
-            raise StimulusError(f"contrast of a {self.kind} must be at least 0")
 
 
 def _check_times(

@@ -41,9 +41,8 @@ def key_of(
         return word
     if word not in WORDS:
         hint = suggestion(word, WORDS)
-        raise ParameterError(
-            f"{option} {word}: no parameter '{word}'{hint}; or a key as ID.size_deg"
-        )
+        hint += "" if "did you mean" in hint else ", or a key such as ID.size_deg"
+        raise ParameterError(f"{option} {word}: no parameter '{word}'{hint}")
     found = _meant(word, table, sweep)
     if len(found) == 1:
         return found[0]

@@ -267,7 +267,8 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
         if equals and direction_of([key]):
             _check_turns(text, chosen[key])
     # with_settings() refuses a key that names no table; making the protocols checks the values.
-    return replace(entry.with_settings({key: chosen[key][0] for key in chosen}), sweep=chosen)
+    first = {key: chosen[key][0] for key in chosen}
+    return replace(entry.with_settings(first, "--over"), sweep=chosen)
 
 
 def _values_of(text: str, values: str) -> list[Any]:

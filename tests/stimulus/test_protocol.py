@@ -163,6 +163,8 @@ def test_no_objects_or_too_many_frames() -> None:
     ("kind", "keys", "words"),
     [
         ("sine-grating", {"period_deg": 4, "luminance": 0.8}, "out of 0 to 1"),
+        ("plaid", {"period_deg": 4, "luminance": 0.2, "contrast": 1.5}, "out of 0 to 1"),
+        ("sine-grating", {"period_deg": 4, "contrast": -0.5}, "must be at least 0, not -0.5"),
         ("sine-grating", {}, "needs period_deg"),
         ("sine-grating", {"period_deg": 1e-9}, "at least 0.001 deg"),
         ("dots", {"dot_deg": 1, "dots_per_100deg2": 1, "luminance": 0.9}, "brighter than 1"),
@@ -213,6 +215,12 @@ def test_mistakes_of_a_file(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(StimulusError, match=r"mine\.toml") as caught:
         load_all(path)
     assert words in str(caught.value)
+
+
+def test_a_grating_may_be_as_bright_as_the_display() -> None:
+    """In floats, 0.25 x 0.8 is above 1 - 0.8."""
+    brightest = Object(id="one", kind="sine-grating", period_deg=4, luminance=0.8, contrast=0.25)
+    assert brightest.contrast == 0.25
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
