@@ -20,7 +20,7 @@ from oppload_cli.stimulus.tables import SURROUNDINGS
 from oppload_cli.stimulus.words import WORDS, key_of, objects_of, value_at
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
 _TABLES = ("display", "timing", "scene", "camera", "effects")
 # Of each pair of keys, a protocol has only one.
@@ -151,7 +151,7 @@ class Entry:
                 sweep[dotted] = value if several and value else [value]
                 only = "*"
             else:
-                table = _with_value(table, dotted, value, f"{self.name}: {option} {dotted}")
+                table = _with_value(table, dotted, value, f"{self.name}: {option} {dotted}", WORDS)
         changes = {**self.changes, **settings}
         return replace(self, table=table, sweep=sweep, only=only, changes=changes)
 
@@ -440,8 +440,13 @@ def _label_of(values: dict[str, Any]) -> str:
     return "_".join(f"{_word(name)}-{_text(value)}" for name, value in pairs)
 
 
-def _with_value(table: dict[str, Any], dotted: str, value: object, where: str) -> dict[str, Any]:
-    """Return a copy of a protocol's table with a value for ``seed``, ``ID.growth.end_deg``, ..."""
+def _with_value(
+    table: dict[str, Any], dotted: str, value: object, where: str, words: Iterable[str] = ()
+) -> dict[str, Any]:
+    """Return a copy of a protocol's table with a value for ``seed``, ``ID.growth.end_deg``, ...
+
+    `words` are those that `where` takes in place of a key, for messages.
+    """
     first, _, rest = dotted.partition(".")
     if dotted in {"seed", "description", "source", "tags"}:
         return {**table, dotted: value}
@@ -450,7 +455,7 @@ def _with_value(table: dict[str, Any], dotted: str, value: object, where: str) -
         hint = suggestion(first, (*owners, "seed")) if rest else ""
         if "did you mean" not in hint:
             known = ", ".join(f"{name}.KEY" for name in owners)
-            hint = f"; a key starts with {known}, or is one of seed, {', '.join(WORDS)}"
+            hint = f"; a key starts with {known}, or is {' or '.join(('seed', *words))}"
         raise StimulusError(f"{where}: no key '{dotted}'{hint}")
     return _with_owner(table, first, lambda owner: _put(owner, rest, value, where))
 

@@ -166,7 +166,7 @@ def test_settings() -> None:
     for dotted, words in (
         ("disc.size_deg", "did you mean 'disk'"),
         ("disk.sise_deg", "did you mean 'size_deg'"),
-        ("lv", "a key starts with display.KEY, .*, disk.KEY, or is one of seed, .*, l/v"),
+        ("lv", "a key starts with display.KEY, .*, disk.KEY, or is seed or axis or .* l/v"),
         ("width", "--change width: no object of klapoetke2017/loom has width_deg; --change takes"),
     ):
         with pytest.raises(StimulusError, match=words):
