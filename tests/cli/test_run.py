@@ -157,6 +157,7 @@ def test_a_folder_says_what_it_leaves_out_unless_it_is_searched(tmp_path: Path) 
     for more, told in (((), True), (("-r",), False), (("-q",), False)):
         done = oppload("run", tmp_path, "-o", tmp_path / "out", "--dry-run", *more)
         assert (done.returncode, said in done.stderr) == (0, told)
+        assert "-r" in more or "1 input: 1 to run, 0 to skip" in done.stderr
 
 
 def test_the_details_show_why_an_alarm_did_or_did_not_come(tmp_path: Path) -> None:
