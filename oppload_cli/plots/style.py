@@ -140,8 +140,17 @@ def colour_bar(
 
 
 def as_list(results: T | Sequence[T]) -> list[T]:
-    """Return one result, or a sequence of results, as a list."""
-    return list(results) if isinstance(results, Sequence) else [results]
+    """Return one result, or a sequence of results, as a list.
+
+    Raises
+    ------
+    ParameterError
+        If there is none.
+    """
+    listed = list(results) if isinstance(results, Sequence) else [results]
+    if not listed:
+        raise ParameterError("there is no result to draw; give at least one")
+    return listed
 
 
 def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -26,7 +27,6 @@ from oppload_cli.video.writers import FORMATS, open_writer, png_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -210,7 +210,7 @@ def _difference(truth: Path, protocol: Protocol) -> str:
 
 def write(
     protocol: Protocol,
-    directory: Path,
+    directory: Path | str,
     *,
     form: str = "ffv1",
     preview: bool = False,
@@ -223,7 +223,7 @@ def write(
     ----------
     protocol : Protocol
         The stimulus.
-    directory : Path
+    directory : Path or str
         The folder of the files; it is made if it does not exist.
     form : str
         A key of :data:`oppload_cli.video.writers.FORMATS`.
@@ -241,7 +241,7 @@ def write(
     OutputError
         If a file cannot be written; then no file of this stimulus remains.
     """
-    made = _targets(protocol, directory, form, preview=preview)
+    made = _targets(protocol, Path(directory), form, preview=preview)
     display, renderer = protocol.display, Renderer(protocol)
     shown = set(sheet_frames(protocol.frame_count)) if preview else set()
     previewed = []

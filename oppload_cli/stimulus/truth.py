@@ -190,7 +190,7 @@ def contact_time(protocol: Protocol) -> float | None:
     return min((time for time in times if time is not None), default=None)
 
 
-def read_ground_truth(path: Path) -> dict[str, Any]:
+def read_ground_truth(path: Path | str) -> dict[str, Any]:
     """Read a ``.stimulus.json`` file; return a dict like that of :func:`ground_truth`.
 
     Raises

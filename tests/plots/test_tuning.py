@@ -14,7 +14,9 @@ from scipy import stats
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.contact import PeakTimes
+from oppload_cli.plots.curves import plot_curves
 from oppload_cli.plots.polar import direction_tunings
+from oppload_cli.plots.rmo import plot_rmo
 from oppload_cli.plots.style import CYCLE, FAINT, MOST_HEIGHT, described, looks_of
 from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.reference import bar_tuning, lplc2_peaks
@@ -409,6 +411,12 @@ def test_a_kind_that_is_not_known_is_refused(tmp_path: Path) -> None:
     tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS))
     with pytest.raises(ParameterError, match="no kind 'lines' of a tuning plot; choose polar, "):
         plot_tuning(tuning, "lines")
+
+
+def test_nothing_to_draw_is_refused() -> None:
+    for draw in (plot_tuning, plot_curves, plot_rmo):
+        with pytest.raises(ParameterError, match="there is no result to draw; give at least one"):
+            draw([])
 
 
 def test_tables_are_named_by_what_differs(tmp_path: Path) -> None:

@@ -136,13 +136,13 @@ def test_the_bytes_of_a_video_do_not_depend_on_the_processor(
 
 
 def test_truth_and_preview_lie_beside_the_video(tmp_path: Path) -> None:
-    written = stimulus.write(clip(), tmp_path / "new" / "folder", preview=True)
+    written = stimulus.write(clip(), str(tmp_path / "new" / "folder"), preview=True)
     assert sorted(path.name for path in written.video.parent.iterdir()) == [
         "a_clip.avi",
         "a_clip.preview.png",
         "a_clip.stimulus.json",
     ]
-    truth = stimulus.read_ground_truth(written.truth)
+    truth = stimulus.read_ground_truth(str(written.truth))
     assert truth == stimulus.ground_truth(clip())
     assert len(truth["frames"]) == written.frames == 15
     assert json.loads(written.truth.read_text())["name"] == "a/clip"
