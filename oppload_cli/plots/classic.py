@@ -185,7 +185,9 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     right, up = (column_of(tuning, end, wanted, of=2) for end in (".right", ".up"))
     across = _NARROW if len(curves) > 1 else TITLE_WIDTH
     labels = (described(right), described(up))
-    with _panels(len(curves), labels, 0.85, 0.25) as (figure, axes):
+    # Without the room for each line of the title, the panel would be drawn over the foot.
+    above = 0.25 + 0.14 * wrapped(request.title, TITLE_WIDTH).count("\n")
+    with _panels(len(curves), labels, 0.85, above) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             cells = curve.rows.pivot_table(index=up, columns=right, values="peak")
             share = cells.to_numpy(float)

@@ -270,9 +270,15 @@ def test_a_map_that_falls_to_half_on_one_side_only(tmp_path: Path) -> None:
     right, _ = np.meshgrid(side, side, indexing="xy")
     edge: NDArray[np.float64] = np.where(right < 0, 0.2, 1.0)
     peaks = {"opplod": edge.ravel().tolist()}
-    tuning = made(tmp_path / "a.tuning.csv", grid(edge, 5), peaks, figure={"kind": "position"})
-    _, (panel,) = plot_tuning(tuning)
+    of_figure = {"title": "Response over the position of a growing disk", "kind": "position"}
+    stated = {"figure": of_figure, "indicator_s": 1.0, "preset": "lplc2"}
+    tuning = made(tmp_path / "a.tuning.csv", grid(edge, 6), peaks, **stated)
+    figure, (panel,) = plot_tuning(tuning)
     assert panel.get_title(loc="left") == "OppLoD\nhalf on some sides only"
+    figure.draw_without_rendering()
+    (foot,) = (text for text in figure.texts if text.get_text().startswith("preset lplc2"))
+    label = panel.xaxis.label.get_window_extent()
+    assert label.y0 > foot.get_window_extent().y1  # below a title of two lines
 
 
 def test_both_ends_over_one(tmp_path: Path) -> None:
