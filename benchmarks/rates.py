@@ -1,6 +1,7 @@
 """Measure how responses depend on the frame rate: the table and the figure of ``docs/time.md``.
 
     python -m benchmarks.rates [--phases N] [--figure docs/time.png] [--preset NAME]
+    python -m benchmarks.rates --between [--phases N]
     python -m benchmarks.rates --controls
     python -m benchmarks.rates --clips MANIFEST.csv
 
@@ -8,8 +9,10 @@ The program draws looming disks at the times of the frames, at 10 to 240 frames/
 and jittered frames. It analyses them as ``oppload run`` does. The frames end when the disk stops to
 grow. The peak depends on the time from the last frame to this moment. So every rate is shown with
 `--phases` shifts of its first frame, and compared with the mean at 30 frames/s. With `--preset`
-only OppLoD runs, under that preset. `--clips` shows every frame, every second or every third frame
-of labelled clips, and counts the alarms at the floors of the package.
+only OppLoD runs, under that preset. With `--between` the detectors also see the frames between, at
+240 frames/s, but only responses at the times of the frames count: this is the share of a peak that
+these times leave. `--clips` shows every frame, every second or every third frame of labelled clips,
+and counts the alarms at the floors of the package.
 """
 
 from __future__ import annotations
@@ -45,6 +48,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.manifest import Entry
+    from oppload_cli.results.table import FrameRecord
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.video.frames import Frame, FrameSource
 
@@ -53,6 +57,8 @@ if TYPE_CHECKING:
     Table = dict[tuple[Case, float, str], tuple[float, ...]]
 
 RATES = (10, 15, 24, 25, 30, 50, 60, 90, 120, 240)
+FINEST = 240  # frames/s of `--between`
+COARSE = ((10, ""), (15, ""), (24, ""), (30, "dropped"), (30, "jittered"))
 DISKS = {
     "l/v 20 ms": ("klapoetke2017/loom-l-over-v", 20),
     "l/v 40 ms": ("klapoetke2017/loom-l-over-v", 40),
@@ -124,25 +130,58 @@ def _frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
     return within
 
 
-def _result_of(case: Case, rate: float, kind: str, phase: float, interval: str) -> _Result:
-    """Run one detector on one disk."""
+def _records_of(case: Case, rate: float, times: Times, interval: str) -> list[FrameRecord]:
+    """Run one detector on one disk, shown at these times."""
     name, preset, model = case
-    protocol, end_s = _disk(name)
     height = 600 if preset == "reference" and name.startswith("paper") else 240
     params = parameters_of(model, preset)
     if height == 600:
         params = params.replaced(receptive_field=200)
-    video = _ShownAt(protocol, height, rate, _frame_times(rate, kind, phase, end_s))
-    records = list(
+    return list(
         analyse(
-            video, [params], alarm=alarm_params(preset), places=place_params(preset), rmo=None,
-            time=TimeParams(interval=interval),
+            _ShownAt(_disk(name)[0], height, rate, times), [params], alarm=alarm_params(preset),
+            places=place_params(preset), rmo=None, time=TimeParams(interval=interval),
         )
     )  # fmt: skip
+
+
+def _result_of(case: Case, rate: float, kind: str, phase: float, interval: str) -> _Result:
+    """Return the result of one detector on one disk."""
+    name, _, model = case
+    times = _frame_times(rate, kind, phase, _disk(name)[1])
+    records = _records_of(case, rate, times, interval)
     responses = [(each.response, -r.time_s) for r in records if (each := r.responses[model])]
     peak, peak_s = max(responses)
     alarm_s = next((record.time_s for record in records if record.alarms[model]), np.nan)
     return _Result(peak, -peak_s, alarm_s)
+
+
+def _between_of(case: Case, rate: float, kind: str, phase: float) -> float:
+    """Return the largest response at the times of the frames if frames between are seen too."""
+    end_s = _disk(case[0])[1]
+    times = _frame_times(rate, kind, phase, end_s)
+    between = np.arange(0, end_s, 1 / FINEST)
+    apart_s = np.abs(between[:, None] - times).min(axis=1)
+    seen = np.sort(np.concatenate((times, between[apart_s > 0.5 / FINEST])))
+    responses = [record.responses[case[2]] for record in _records_of(case, FINEST, seen, "1/30")]
+    at_frames = np.isin(seen, times)
+    return max(each.response for each, at in zip(responses, at_frames, strict=True) if each and at)
+
+
+def _between(phases: int) -> Iterator[str]:
+    """Yield a table of the peaks of :func:`_between_of`, as ratios to those at 30 frames/s."""
+    disks = ("l/v 20 ms", "l/v 40 ms", "l/v 80 ms")
+    yield f"| frames/s | detector | {' | '.join(disks)} |"
+    yield "|---|---|" + "---|" * len(disks)
+    detectors = dict.fromkeys(case[1:] for case in CASES)
+    for (rate, kind), (preset, model) in product(COARSE, detectors):
+        ratios = []
+        for name in disks:
+            case = name, preset, model
+            reference = np.mean([each.peak for each in _results_of(case, 30, "", phases, "1/30")])
+            found = [_between_of(case, rate, kind, shift / phases) for shift in range(phases)]
+            ratios.append(f"{np.mean(found) / reference:.2f}")
+        yield f"| {rate} {kind} | {model}, {preset} | {' | '.join(ratios)} |"
 
 
 def _results_of(case: Case, rate: float, kind: str, phases: int, interval: str) -> list[_Result]:
@@ -292,19 +331,25 @@ def main() -> None:
     parser.add_argument("--phases", type=int, default=3)
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--preset")
+    parser.add_argument("--between", action="store_true")
     parser.add_argument("--controls", action="store_true")
     parser.add_argument("--clips", type=Path, metavar="MANIFEST.csv")
     arguments = parser.parse_args()
-    if arguments.controls or arguments.clips:
-        for line in _on_clips(arguments.clips) if arguments.clips else _controls():
-            print(line, flush=True)
-        return
-    preset = arguments.preset
-    cases = tuple((name, preset, "opplod") for name in DISKS) if preset else CASES
-    after = _measured(arguments.phases, "1/30", RATES, cases)
-    print("\n".join(_markdown(after)))
-    if arguments.figure:
-        _draw(arguments.figure, _measured(1, FRAME, (10, 15, 24, 30, 60, 120, 240)), after)
+    if arguments.clips:
+        lines = _on_clips(arguments.clips)
+    elif arguments.controls:
+        lines = _controls()
+    elif arguments.between:
+        lines = _between(arguments.phases)
+    else:
+        preset = arguments.preset
+        cases = tuple((name, preset, "opplod") for name in DISKS) if preset else CASES
+        after = _measured(arguments.phases, "1/30", RATES, cases)
+        lines = _markdown(after)
+        if arguments.figure:
+            _draw(arguments.figure, _measured(1, FRAME, (10, 15, 24, 30, 60, 120, 240)), after)
+    for line in lines:
+        print(line, flush=True)
 
 
 if __name__ == "__main__":

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 # Two frames have ages nearest to an interval: one is too young, the other too old. The younger one
 # is taken if it is too young by at most a quarter of the interval, and by at most 0.4 of the time
 # by which the older one is too old. These limits were measured at 20 to 144 frames/s.
+# Luminance interpolated between the two would halve the peaks at 50 frames/s: each change would
+# overlap the change before it, and meet its inhibition.
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
 _FEW, _MANY = 6, 15  # numbers of latest steps between frames whose medians are taken
 _MOST_KEPT = 16.5  # frames kept per interval; at higher frame rates some are not kept
