@@ -232,12 +232,14 @@ def test_outcomes_by_condition() -> None:
     draws = draws_of([clip.label.looming for clip in clips], 100)
     found = {(one.measure, one.condition): one for one in measured(clips, "d", draws).measurements}
     at = "alarm as shipped"
-    assert found["detection_rate", f"{at}, speed 3 m/s"][3] == 1
-    assert found["detection_rate", f"{at}, speed 12 m/s"][3] == 0
+    # One clip each: the exact interval of Clopper and Pearson.
+    always, never = pytest.approx((1, 0.025, 1, 1)), pytest.approx((0, 0, 0.975, 1))
+    assert found["detection_rate", f"{at}, speed 3 m/s"][3:] == always
+    assert found["detection_rate", f"{at}, speed 12 m/s"][3:] == never
     assert found["detection_rate", f"{at}, kind collision"][3:] == (0.5, 0.0, 1.0, 2)
     assert found["lead_time_s", f"{at}, speed 3 m/s"].value == pytest.approx(0.3)
     assert found["alarmed_share", f"{at}, kind near miss"].value == 0.5
-    assert found["alarmed_share", f"{at}, kind pan"].value == 0
+    assert found["alarmed_share", f"{at}, kind pan"][3:] == never
     assert found["alarmed_share", at].value == pytest.approx(1 / 3)
     speeds = [condition for _, condition in found if "speed" in condition]
     assert speeds.index(f"{at}, speed 3 m/s") < speeds.index(f"{at}, speed 12 m/s")
@@ -264,6 +266,8 @@ def test_boxes_and_times_to_contact_are_held_to_the_truth() -> None:
     found = {one.measure: one for one in measured(clips, "d", draws).measurements}
     assert found["contact_within"].value == pytest.approx(1 / 2)
     assert found["contact_within"].n == 2
+    found = {one.measure: one for one in measured(clips[:1], "d", draws[:, :1]).measurements}
+    assert found["contact_within"][3:] == pytest.approx((1, 0.025, 1, 1))
 
 
 @pytest.mark.parametrize(("left_s", "clips"), [(0.0, 0), (0.1, 1), (0.5, 1), (0.6, 0)])

@@ -80,7 +80,7 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
         condition = "last second before contact"
         measurements.append(Measurement(detector, measure, condition, *found, len(score)))
     measurements += _of_order(clips, detector, draws)
-    ratio = _averaged(weighted_median, _distinct_ratios(clips, detector), draws)
+    ratio = _median(_distinct_ratios(clips, detector), draws)
     measurements.append(Measurement(detector, "distinct_ratio", "median over clips", *ratio))
     measurements += of_places(clips, detector, draws)
     complete = curve(score, positive, np.ones(len(score)))
@@ -101,13 +101,27 @@ def _averaged(
     return (*found, int((~np.isnan(values)).sum()))
 
 
+def _median(
+    values: Numbers, draws: Weights, owner: Weights | slice = _EACH_CLIP
+) -> tuple[float, float, float, int]:
+    return _averaged(weighted_median, values, draws, owner)
+
+
+def _share(
+    values: Numbers, draws: Weights, owner: Weights | slice = _EACH_CLIP
+) -> tuple[float, float, float, int]:
+    """Return a mean of shares like `_averaged`; its interval is not empty if all values agree."""
+    share, low, high, known = _averaged(weighted_mean, values, draws, owner)
+    clips = np.arange(draws.shape[1])[owner][~np.isnan(values)]
+    return (share, *share_interval(share, len(np.unique(clips)), low, high), known)
+
+
 def _of_order(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
     for frames in AHEAD:
         shares, pairs = zip(*(clip.ordered_pairs(detector, frames) for clip in clips), strict=True)
-        share, low, high, known = _averaged(weighted_mean, np.array(shares), draws)
-        bounds = share_interval(share, known, low, high)
+        share, low, high, _ = _share(np.array(shares), draws)
         condition = f"{frames} frames before contact"
-        yield Measurement(detector, "ordered_pairs", condition, share, *bounds, sum(pairs))
+        yield Measurement(detector, "ordered_pairs", condition, share, low, high, sum(pairs))
 
 
 def _distinct_ratios(clips: Sequence[Clip], detector: str) -> Numbers:
@@ -157,16 +171,15 @@ def _of_conditions(
         for value in sorted(set(values.tolist()) - {""}, key=_order):
             where = f"{decision.condition}, {name} {value}"
             for measure, numbers, average in (
-                ("detection_rate", outcomes.detected, weighted_mean),
-                ("lead_time_s", outcomes.lead_s, weighted_median),
-                ("alarmed_share", alarmed, weighted_mean),
+                ("detection_rate", outcomes.detected, _share),
+                ("lead_time_s", outcomes.lead_s, _median),
+                ("alarmed_share", alarmed, _share),
             ):
                 part = np.where(values == value, numbers, np.nan)
                 if not np.isnan(part).all() and (measure != "alarmed_share" or name == KIND):
-                    yield Measurement(detector, measure, where, *_averaged(average, part, draws))
+                    yield Measurement(detector, measure, where, *average(part, draws))
     if names and not np.isnan(alarmed).all():
-        share = _averaged(weighted_mean, alarmed, draws)
-        yield Measurement(detector, "alarmed_share", decision.condition, *share)
+        yield Measurement(detector, "alarmed_share", decision.condition, *_share(alarmed, draws))
 
 
 def _order(text: str) -> tuple[float, str]:
@@ -189,15 +202,12 @@ def _of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterato
     errors = np.array([_contact_error(clip, detector) for clip in clips])
     if not np.isnan(overlaps).all():
         where = f"{_BEFORE_CONTACT} frames before contact"
-        overlap = _averaged(weighted_median, overlaps, draws)
-        yield Measurement(detector, "box_overlap", where, *overlap)
+        yield Measurement(detector, "box_overlap", where, *_median(overlaps, draws))
     timed = np.array([any(map(_is_last, clip.label.contacts.values())) for clip in clips])
     within = np.where(timed, np.nan_to_num(errors, nan=np.inf) <= _WITHIN, np.nan)
     where = f"last {_LAST_S:g} s"
-    share = _averaged(weighted_mean, within, draws)
-    yield Measurement(detector, "contact_within", where, *share)
-    error = _averaged(weighted_median, errors, draws)
-    yield Measurement(detector, "contact_error", where, *error)
+    yield Measurement(detector, "contact_within", where, *_share(within, draws))
+    yield Measurement(detector, "contact_error", where, *_median(errors, draws))
 
 
 def _overlap_of(clip: Clip, detector: str) -> float:
@@ -307,9 +317,9 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
     boxed = places(clips, detector) if has_units else []
     near = [each for each in boxed if each.near]
     averages = {
-        "inside": weighted_mean,
-        "distance_px": weighted_median,
-        "distance_diagonals": weighted_median,
+        "inside": _share,
+        "distance_px": _median,
+        "distance_diagonals": _median,
     }
     measurements = []
     for condition, part in (
@@ -319,6 +329,6 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
         owner = np.array([each.clip for each in part])
         for name, average in averages.items() if part else ():
             values = np.array([getattr(each, name) for each in part], np.float64)
-            found = _averaged(average, values, draws, owner)
+            found = average(values, draws, owner)
             measurements.append(Measurement(detector, f"place_{name}", condition, *found))
     return measurements

@@ -118,6 +118,11 @@ def test_places_of_the_winning_unit() -> None:
     assert figures["place_inside", "within 15 frames of contact"].value == 0.25
     assert figures["place_inside", "all boxed frames"].value == 0.4
     assert figures["place_inside", "all boxed frames"].n == 5
+    # All frames of one clip agree: one outcome, not five, gives the exact interval.
+    boxes = dict.fromkeys((40, 41, 42), box)
+    inside = clip([0.0] * 80, 30, 65, boxes=boxes, winner=[[100, 40, 40, 40]] * 80)
+    (share, *_) = of_places([inside], NAME, draws_of([True], 100))
+    assert share[3:] == pytest.approx((1, 0.025, 1, 3))
     assert figures["place_distance_px", "within 15 frames of contact"].value == 30
     assert figures["place_distance_px", "within 15 frames of contact"].n == 3
     (middle, *_) = places([seen], FRAME_CENTRE)
