@@ -205,10 +205,12 @@ def _alarms_in(above: Flags, time_s: Numbers) -> int:
     """Return how many alarms begin: frames above the threshold after a second without any.
 
     So evidence that flickers about the threshold is one alarm. Evidence above the threshold in the
-    first frame begins an alarm there.
+    first frame begins an alarm there. Frames above the threshold without one below it in between
+    are one alarm, also if more than a second lies between them.
     """
     silence = np.diff(time_s[above], prepend=-np.inf)
-    return int(np.count_nonzero(silence >= SILENCE_S - 1e-6))
+    after_others = np.diff(np.flatnonzero(above), prepend=-2) > 1
+    return int(np.count_nonzero(after_others & (silence >= SILENCE_S - 1e-6)))
 
 
 @dataclass(frozen=True)

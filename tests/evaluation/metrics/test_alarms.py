@@ -39,6 +39,14 @@ def test_an_alarm_begins_after_a_second_of_silence(above: list[int], alarms: int
     assert shipped([seen], NAME, draws_of([False], 1)).outcomes.false_alarms.tolist() == [alarms]
 
 
+def test_an_alarm_at_one_frame_per_second_is_one_alarm_however_long() -> None:
+    seen = clip([0.0] * 5 + [1.0] * 4 + [0.0, 1.0], rate=1, alarm=[5, 6, 7, 8, 10])
+    thresholds = Thresholds([seen], NAME)
+    assert thresholds.outcomes(0.5).false_alarms.tolist() == [2]
+    assert thresholds.counts[0].tolist() == [0, 2]
+    assert shipped([seen], NAME, draws_of([False], 1)).outcomes.false_alarms.tolist() == [2]
+
+
 def test_the_threshold_is_the_lowest_that_keeps_to_a_rate() -> None:
     thresholds = Thresholds(CLIPS, NAME)
     assert thresholds.minutes == pytest.approx([1, 1, 0.5, 0.5])
