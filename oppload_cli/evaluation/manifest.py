@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 import os.path
 import re
 from dataclasses import dataclass, field, replace
@@ -137,6 +136,8 @@ def _check_header(path: Path, header: Sequence[str]) -> None:
     if missing:
         unknown = [name for name in header if name not in _KNOWN and _meant(name, missing)]
         other = f" (it has '{unknown[0]}')" if unknown else ""
+        if ";" in "".join(header):  # as spreadsheets write CSV in many countries
+            other = " (its cells are separated by ';')"
         raise ManifestError(
             f"{path}: its first row lacks {', '.join(missing)}{other}; begin it with "
             f"{','.join(_REQUIRED)}"
@@ -263,7 +264,7 @@ def _fault_of_box(frame: str, box: object) -> str:
         isinstance(box, list)
         and len(box) == 4
         and all(isinstance(side, int | float) and not isinstance(side, bool) for side in box)
-        and all(math.isfinite(side) and abs(side) < 1e9 for side in box)
+        and all(abs(side) < 1e9 for side in box)  # neither NaN nor infinite
         and min(box[2:]) > 0
     ):
         return ""
