@@ -254,7 +254,7 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
     with _panels(len(curves), labels, 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             both, one = (
-                dict(zip(some[axis].astype(float), some["peak"].astype(float), strict=True))
+                dict(sorted(zip(some[axis].astype(float), some["peak"].astype(float), strict=True)))
                 for some in (curve.rows[curve.rows[sides] == side] for side in ("both", "forward"))
             )
             largest = max(*both.values(), *one.values())

@@ -329,8 +329,10 @@ def _draw_line(
 ) -> None:
     """Draw a curve over its largest peak, or raw; thin and grey if it means little."""
     shown = {"color": FAINT, "lw": 0.7, "markersize": 2} if curve.doubts else {"markersize": 3}
-    peaks = curve.peaks / (1.0 if raw else curve.largest or 1.0)
-    panel.plot(curve.rows[parameter], peaks, marker="o", **look | shown, label=curve.label)
+    values = curve.rows[parameter].to_numpy(float)
+    order = np.argsort(values, kind="stable")  # the values of a sweep may be in any order
+    peaks = curve.peaks[order] / (1.0 if raw else curve.largest or 1.0)
+    panel.plot(values[order], peaks, marker="o", **look | shown, label=curve.label)
 
 
 def _plot_small_lines(

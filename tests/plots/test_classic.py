@@ -283,9 +283,11 @@ def test_a_map_that_falls_to_half_on_one_side_only(tmp_path: Path) -> None:
 
 def test_both_ends_over_one(tmp_path: Path) -> None:
     peaks = {"opplod": [6.0] * 4 + [2.0, 1, 1, 0]}
-    tuning = made(tmp_path / "a.tuning.csv", ends(0, 90, 180, 270), peaks)
+    tuning = made(tmp_path / "a.tuning.csv", ends(0, 270, 180, 90), peaks)
     figure, (panel,) = plot_tuning(tuning, "ends")
     total = y_of(panel.lines[2])
+    for line in panel.lines:  # from left to right, whatever the order of the sweep
+        np.testing.assert_array_equal(np.asarray(line.get_xdata()), [0, 90, 180, 270])
     np.testing.assert_allclose(total, np.array([3, 1, 3, 1]) / 6)
     assert panel.get_title(loc="left") == "OppLoD, peak 6\n(arbitrary unit)\nboth / one 3 to 6"
     assert "LPLC2 neurons: 2.9 to 4.6" in figure.legends[0].get_title().get_text()

@@ -142,6 +142,14 @@ def test_one_number_makes_a_line(tmp_path: Path) -> None:
     assert panel.get_xlabel() == "l/v (ms)"
 
 
+def test_a_line_goes_from_left_to_right_whatever_the_order_of_the_sweep(tmp_path: Path) -> None:
+    values = {"disk.growth.l_over_v_ms": [40.0, 10, 20]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 4, 2]}))
+    (line,) = plot_tuning(tuning)[1][0].lines
+    np.testing.assert_allclose(np.asarray(line.get_xdata()), [10, 20, 40])
+    np.testing.assert_allclose(y_of(line), [1, 0.5, 0.25])
+
+
 def test_many_lines_leave_their_panel_room(tmp_path: Path) -> None:
     values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
     peaks = {name: [4.0, 2, 1] for name in list(detectors())[:6]}
