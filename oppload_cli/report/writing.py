@@ -310,6 +310,7 @@ def _index_page(index: Path, entries: Sequence[_Entry], failures: Sequence[Opplo
 
 def _seconds(value: float) -> str:
     """Return a time as text: ``0.37 s``, or ``3:07.25`` for times of a minute or more."""
+    value = round(value, 2)  # before the minutes are taken, so that no seconds are 60.00
     if value < 60:
         return f"{value:.2f} s"
     minutes, rest = divmod(value, 60)

@@ -477,7 +477,7 @@ def test_pages_in_one_folder_have_the_inputs_as_titles(table: Path, tmp_path: Pa
 
 
 def test_numbers_as_text(table: Path) -> None:
-    times = (0.366, 59.99, 60, 187.25, 188, 189)
+    times = (0.366, 59.99, 119.996, 187.25, 188, 189)
     heights = (0.0, 8e-5, 0.0123, 4.23, 12.34, 1234.5)  # over a threshold of 0.05
     rows = ["frame,time_s,opplod_response,opplod_alarm", "0,0,0,0"]
     for at, (time_s, height) in enumerate(zip(times, heights, strict=True)):
@@ -487,5 +487,5 @@ def test_numbers_as_text(table: Path) -> None:
     table.with_name("clip.detections.jsonl").unlink()
     index = write_report([table, table], table.parent).first.read_text()
     shown = re.findall(r'title="OppLoD: ([^"]+) times the threshold">([^<]+)<', index)
-    assert [text for _, text in shown[:4]] == ["0.37 s", "59.99 s", "1:00.00", "3:07.25"]
+    assert [text for _, text in shown[:4]] == ["0.37 s", "59.99 s", "2:00.00", "3:07.25"]
     assert [text for text, _ in shown[:6]] == ["0", "&lt; 0.01", "0.012", "4.2", "12", "1,234"]

@@ -458,7 +458,8 @@
   /** A response as text; the axis shows no values below LOWEST. */
   const size = (value) => (value > 0 && value < LOWEST ? `< ${LOWEST}` : plain(value));
 
-  function clock(t) {
+  function clock(seconds) {
+    const t = Number(seconds.toFixed(2)); // before the minutes are taken, so that no seconds are 60.00
     if (t < 60) return `${t.toFixed(2)} s`;
     return `${Math.floor(t / 60)}:${(t % 60).toFixed(2).padStart(5, "0")}`;
   }
