@@ -36,6 +36,7 @@ from oppload_cli.plots.style import (
     colour_bar,
     norm_of,
     panel_grid,
+    short_number,
     styled_figure,
     wrapped,
     write_title,
@@ -163,8 +164,8 @@ def _check_xlim(panels: Sequence[Sequence[Curve]], xlim: tuple[float, float] | N
     if not any(((begin <= time) & (time <= end)).any() for time in times):
         first, last = min(time[0] for time in times), max(time[-1] for time in times)
         raise ParameterError(
-            f"no frame is between {begin:g} and {end:g} s; the frames are between {first:.3g} and "
-            f"{last:.3g} s"
+            f"no frame is between {begin:g} and {end:g} s; the frames are between "
+            f"{short_number(first)} and {short_number(last)} s"
         )
 
 

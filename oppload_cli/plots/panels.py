@@ -18,6 +18,7 @@ from oppload_cli.plots.style import (
     in_number_order,
     labels_of,
     looks_of,
+    short_number,
     wrapped,
 )
 from oppload_cli.results.reading import result_threshold
@@ -276,11 +277,12 @@ def _draw_curve(axes: Axes, curve: Curve, value: Series, scale: str, order: int)
 def _described(curve: Curve, scale: str, best: int) -> str:
     """Return a curve's line in the legend: its name, its peak and the time of the peak."""
     peak, value = float(curve.response[best]), float(curve.scaled(scale)[best])
-    when = f"{curve.time[best]:.2f} s" if curve.zero_s else f"{curve.time[best]:.3g} s"
+    time = float(curve.time[best])
+    when = f"{time:.2f} s" if curve.zero_s else f"{short_number(time)} s"
     if scale == "threshold" and value < FLOOR:
         return f"{curve.name}, below {FLOOR:g} of the threshold"
-    times = f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
-    height = f"{times} times threshold" if scale == "threshold" else f"peak {peak:.3g}"
+    multiple = f"{short_number(value)} times threshold"
+    height = multiple if scale == "threshold" else f"peak {peak:.3g}"
     text = f"{curve.name}, {height} at {when}"
     frame = f" (frame {int(curve.result.frames['frame'].iloc[best])})"
     fits = len(text + frame) <= LEGEND_WIDTH and not curve.zero_s
@@ -298,8 +300,8 @@ def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:
     over = peak if scale == "peak" else 1.0
     shown = np.where(threshold > _HEADROOM * peak, np.nan, threshold) / over
     if not np.isfinite(shown).any():
-        times = float(np.nanmin(threshold)) / peak
-        return [f"threshold of {label} above the panel: {times:.3g} times the peak or more"]
+        times = short_number(float(np.nanmin(threshold)) / peak)
+        return [f"threshold of {label} above the panel: {times} times the peak or more"]
     axes.plot(
         curve.time, shown, color=curve.colour, lw=0.8, linestyle=(0, (1, 1)), drawstyle="steps-mid"
     )
@@ -365,7 +367,7 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
                 continue
             several = label == "contact" and bool(other_contacts)
             inside = first <= time <= last
-            text = label + "s" * several if inside else f"{label} at {time:.3g} s"
+            text = label + "s" * several if inside else f"{label} at {short_number(time)} s"
             share = min(max((time - first) / (last - first), 0.0), 1.0)
             width = _LETTER * len(text)
             # A second label stands to the right of its line, away from the first label.

@@ -11,6 +11,7 @@ from oppload_cli.errors import ResultError, SourceError
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_named, detectors, placing_detector
 from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure, wrapped
+from oppload_cli.results.alarms import times
 from oppload_cli.results.reading import check_numbers, find_video, result_threshold
 from oppload_cli.results.table import SIDECAR
 from oppload_cli.results.truths import usable_truth
@@ -169,7 +170,7 @@ def _over_threshold(result: BaseResult, detector: str, row: int) -> str:
     if f"{detector}_alarm" not in result.frames.columns or not threshold > 0:
         return ""
     ratio = float(result.frames[f"{detector}_response"].iloc[row]) / threshold
-    return f"\npeak: {ratio:.2g} times the threshold of the alarm"
+    return f"\npeak: {times(ratio)} times the threshold of the alarm"
 
 
 def _detector(result: BaseResult, model: str | None) -> type[Detector]:

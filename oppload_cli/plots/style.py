@@ -373,6 +373,11 @@ def wrapped(text: str, width: int) -> str:
     return re.sub(r"(?<!\\)\$", r"\\$", _escaped(text))  # matplotlib reads formulas between "$"
 
 
+def short_number(value: float) -> str:
+    """Return a number in three digits; from 1,000 on in all digits, without an exponent."""
+    return f"{value:,.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
+
+
 def _escaped(text: str) -> str:
     """Return a text whose control characters, other than line breaks, are escaped."""
     return "\n".join(printable(line) for line in text.split("\n"))

@@ -293,7 +293,7 @@ def _evenness(tunings: _Tunings) -> Finding:
     peaks = tunings.peaks(10).values()
     share = min(peaks) / max(peaks) if max(peaks) > 0 else math.nan
     return tunings.finding(
-        f"The smallest peak is {100 * share:.2g} % of the largest (LPLC2: 78 %).",
+        f"The smallest peak is {plain(100 * share)} % of the largest (LPLC2: 78 %).",
         at_least(share, 0.75, 0.5),
         {"least_over_largest": share},
         10,

@@ -252,7 +252,7 @@ def peak_of(responses: Responses) -> float:
 
 def plain(value: float) -> str:
     """Return a number with few digits, and without an exponent unless it is very small."""
-    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.2g}"
+    return f"{value:,.0f}" if abs(value) >= 99.5 else f"{value:.2g}"
 
 
 # The figures in the order of the page. Each has the function that makes it (one function makes two

@@ -280,6 +280,16 @@ def test_marks_are_drawn(result: BaseResult) -> None:
     assert {text.get_text() for text in panel.texts} == {"onset", "contact at 7 s"}
 
 
+def test_numbers_of_four_digits_have_no_exponent(tmp_path: Path) -> None:
+    rows = [row | {"time_s": f"{float(row['time_s']) + 1234:.9g}"} for row in frame_rows()]
+    late = read_result(write_rows(tmp_path / "late.frames.csv", rows))
+    _, (panel,) = plot_curves(late, models=["opplod"], scale="peak", marks={"contact": [2345.6]})
+    assert labels(panel)[0] == "OppLoD, peak 1 at 1,236 s (frame 30)"
+    assert [text.get_text() for text in panel.texts] == ["contact at 2,346 s"]
+    with pytest.raises(ParameterError, match="the frames are between 1,234 and 1,236 s"):
+        plot_curves(late, xlim=(0, 1))
+
+
 def test_labels_of_marks_share_a_row_unless_they_would_overlap(result: BaseResult) -> None:
     for onset, contact, together in ((0.5, 1.6, True), (1.0, 1.1, True), (1.75, 1.85, False)):
         figure, (panel,) = plot_curves(result, marks={"onset": [onset], "contact": [contact]})

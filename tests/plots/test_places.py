@@ -67,14 +67,15 @@ def test_the_title_says_how_strong_the_peak_is_and_whether_there_is_an_object(
     for row in rows[3:]:
         row.update(dict.fromkeys(("opplod_x", "opplod_y", "opplod_width", "opplod_height"), ""))
     path = write_rows(tmp_path / "clip.frames.csv", rows)
-    alarm = {"parameters": {"alarm": {"opplod_floor": 20, "factor": 0}}}
-    path.with_name("clip.oppload.json").write_text(json.dumps(alarm))
-    panel = plot_places(read_result(path))[1][0]
-    assert panel.get_title("left").split("\n")[1:] == [
-        "OppLoD, peak in frame 30; no looming object",
-        "peak: 0.05 times the threshold of the alarm",
-    ]
-    assert len(panel.patches) == 0
+    for floor, ratio in ((20, "0.05"), (0.008, "125")):
+        alarm = {"parameters": {"alarm": {"opplod_floor": floor, "factor": 0}}}
+        path.with_name("clip.oppload.json").write_text(json.dumps(alarm))
+        panel = plot_places(read_result(path))[1][0]
+        assert panel.get_title("left").split("\n")[1:] == [
+            "OppLoD, peak in frame 30; no looming object",
+            f"peak: {ratio} times the threshold of the alarm",
+        ]
+        assert len(panel.patches) == 0
 
 
 def test_the_places_of_the_chosen_detector(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from oppload_cli.reproduction.claims import (
     at_least,
     at_most,
     hardly,
+    plain,
     settings_of,
     stated,
     tally,
@@ -57,6 +58,11 @@ def test_verdicts_sum_up(verdicts: tuple[Verdict, ...], sum_: Verdict) -> None:
     claims = tuple(Claim("s", "r", {"paper": Finding("x", each)}) for each in verdicts)
     built = Built("name", "title", "shows", claims, None, ())
     assert built.as_dict()["verdicts"] == {"paper": sum_}
+
+
+def test_numbers_have_an_exponent_only_where_they_are_very_small() -> None:
+    values = (1e-6, 0.123, 99.4, 99.7, 1234.5)
+    assert [plain(value) for value in values] == ["1e-06", "0.12", "99", "100", "1,234"]
 
 
 def test_a_figure_is_judged_per_preset() -> None:
