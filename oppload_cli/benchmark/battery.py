@@ -315,8 +315,9 @@ def _show(detectors: Sequence[EvaluatedDetector], task: _Task) -> None:
     write_atomic(task.file, json.dumps({"key": task.key, "measured": rows}, indent=1) + "\n")
 
 
-def _measure(name: str, times: Numbers, response: Numbers, alarm: Flags) -> Measured:
-    begins = np.flatnonzero(np.diff(alarm.astype(int), prepend=0) == 1)
+def _measure(name: str, times: Numbers, response: Numbers, alarm: Flags | None) -> Measured:
+    on = np.zeros(len(times)) if alarm is None else alarm.astype(int)
+    begins = np.flatnonzero(np.diff(on, prepend=0) == 1)
     first = float(times[begins[0]]) if len(begins) else None
     if not np.isfinite(response).any():
         return Measured(name, None, None, len(begins), first)

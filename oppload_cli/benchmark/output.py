@@ -82,14 +82,15 @@ class _Summary(NamedTuple):
     """The results of one detector over all stimuli shown: a row of ``summary.csv``.
 
     `auc` is the probability that the peak for a looming stimulus is larger than that for a control;
-    0.5 is chance. `largest_control` is the label of the control with the largest response.
+    0.5 is chance. The numbers of stimuli with an alarm are None if the detector's alarms are off.
+    `largest_control` is the label of the control with the largest response.
     `cost_ms` is the time for a frame of 427 x 240 on one core.
     """
 
     auc: float
-    looming_alarmed: int
+    looming_alarmed: int | None
     looming: int
-    controls_alarmed: int
+    controls_alarmed: int | None
     controls: int
     largest_control_over_loom: float
     largest_control: str
@@ -111,6 +112,7 @@ class Benchmark:
     ) -> None:
         self.shown, self.detectors, self.clips = shown, list(evaluated), clips
         self.names = [each.name for each in evaluated]
+        self.alarms_on = {each.name: each.alarm.on for each in evaluated}
         found = {
             name: [next(one for one in each.measured if one.detector == name) for each in shown]
             for name in self.names
@@ -157,11 +159,12 @@ class Benchmark:
             place = int(np.argmax(np.where(control, peaks, -1)))
             over_loom = self.over_loom(name, float(peaks[place]))
             largest = shown[place].column.label
+        on = self.alarms_on[name]
         return _Summary(
             auc,
-            int(alarmed[looming].sum()),
+            int(alarmed[looming].sum()) if on else None,
             int(looming.sum()),
-            int(alarmed[control].sum()),
+            int(alarmed[control].sum()) if on else None,
             int(control.sum()),
             over_loom,
             largest,
@@ -254,6 +257,7 @@ def _rows(benchmark: Benchmark) -> Iterator[dict[str, Cell]]:
                 "motion_end_s": each.motion_end_s,
                 "peak_over_loom": benchmark.over_loom(found.detector, found.peak or 0.0),
                 **asdict(found),
+                "alarms": found.alarms if benchmark.alarms_on[found.detector] else None,
             }
 
 

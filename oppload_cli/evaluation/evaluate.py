@@ -180,7 +180,8 @@ def _fault_of(clip: Clip) -> str:
     """Return why a clip cannot be used; empty if it can."""
     contact = clip.label.contact
     if clip.first == len(clip):
-        return f"has {len(clip)} frames, too few for any response; leave it out"
+        frames = f"{len(clip)} frame{'s' * (len(clip) > 1)}"
+        return f"has {frames}, too few for any response; leave it out"
     if contact is not None and contact >= len(clip):
         return (
             f"its contact, frame {contact}, is beyond its last frame, {len(clip) - 1}; correct it"
@@ -253,7 +254,9 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
     name = detector.detector
     found = [record.responses.get(name) for record in records]
     response = _with_zeros(_numbers(None if each is None else each.response for each in found))
-    alarm = np.array([record.alarms.get(name, False) for record in records], bool)
+    alarm = None
+    if detector.alarm.on:
+        alarm = np.array([record.alarms.get(name, False) for record in records], bool)
     if not detector_named(name).places:
         return Output(response, response, alarm)
     objects = [record.objects.get(name) for record in records]

@@ -185,7 +185,8 @@ def _value(one: Measurement | None) -> str:
 
 
 def _interval(one: Measurement | None) -> str:
-    return f" ({number(one.low)} to {number(one.high)})" if one else ""
+    known = one is not None and not math.isnan(one.low)
+    return f" ({number(one.low)} to {number(one.high)})" if one and known else ""
 
 
 def _row(measurement: Measurement) -> dict[str, Cell]:
@@ -195,6 +196,7 @@ def _row(measurement: Measurement) -> dict[str, Cell]:
 def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
     for clip in evaluation.clips:
         for name, output in clip.outputs.items():
+            alarm = output.alarm
             for frame, response in enumerate(output.response):
                 winner = [None] * 4 if output.winner is None else output.winner[frame]
                 yield {
@@ -203,7 +205,7 @@ def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
                     "time_s": float(clip.time_s[frame]),
                     "contender": name,
                     "response": float(response),
-                    "alarm": None if math.isnan(response) else bool(output.alarm[frame]),
+                    "alarm": None if alarm is None or math.isnan(response) else bool(alarm[frame]),
                     **dict(zip(_SIDES, winner, strict=True)),
                     "evidence": float(output.evidence[frame]),
                 }

@@ -54,7 +54,8 @@ CONDITIONS = {
     "held out at 0.5, 1, 2 per minute": "The threshold for a clip is chosen in the same way, but "
     "on the clips of all other videos (leave one out). Expect these results on a new video.",
     "alarm as shipped": "The detector's own alarm, as `oppload run` has it. No threshold is "
-    "chosen on these clips.",
+    "chosen on these clips. Not determined if the detector's alarms are off, as under preset "
+    "`paper`.",
 }
 MEASURES = {
     "detection_rate": _Definition(

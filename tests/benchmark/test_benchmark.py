@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ from oppload_cli.benchmark.battery import (
     show,
 )
 from oppload_cli.benchmark.output import Benchmark, _drawn, _limits
+from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors
 from oppload_cli.models import registry
@@ -121,6 +123,11 @@ def test_the_summary_counts_pairs_and_alarms() -> None:
     assert (found.looming_alarmed, found.looming) == (1, 2)
     assert (found.controls_alarmed, found.controls) == (1, 2)
     assert (found.largest_control_over_loom, found.largest_control) == (0.25, "x")
+    (lgmd2,) = chosen_detectors(["lgmd2"])
+    off = replace(lgmd2, alarm=alarm_params("paper"))
+    silent = Benchmark(shown(stated), [off])
+    found = silent.summary("lgmd2")
+    assert (found.looming_alarmed, found.controls_alarmed) == (None, None)
 
 
 def test_a_stimulus_of_several_tables_counts_once() -> None:

@@ -11,7 +11,9 @@ from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
 from oppload_cli.evaluation.evaluate import analyse_clips
 from oppload_cli.evaluation.manifest import Entry
+from oppload_cli.evaluation.metrics.alarms import shipped
 from oppload_cli.evaluation.metrics.clips import Label
+from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.models.flow_divergence import FlowDivergence
 from oppload_cli.stimulus import load
 from tests.media import grey_frames, write_video
@@ -76,6 +78,16 @@ def test_within_a_second_of_contact_the_evidence_is_ten_times_the_response() -> 
     assert 5 < near.sum() < len(near) / 2
     assert np.array_equal(found.evidence[near], found.response[near] / 0.1)
     assert np.array_equal(found.evidence[~near], found.response[~near], equal_nan=True)
+
+
+def test_a_detector_whose_alarms_are_off_is_not_one_without_a_false_alarm() -> None:
+    off = replace(SMALL[0], alarm=alarm_params("paper"))
+    ((clip, _),) = analyse_clips([Entry(2, load("controls/static-texture"), Label("still"))], [off])
+    assert clip is not None
+    found = shipped([clip], off.name, draws_of([False], 100))
+    assert np.isnan(found.outcomes.false_alarms).all()
+    rate = next(one for one in found.measurements if one.measure == "false_alarms_per_minute")
+    assert np.isnan([rate.value, rate.low, rate.high]).all()
 
 
 def test_the_flow_skips_repeats(tmp_path: Path) -> None:

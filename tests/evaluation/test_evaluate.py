@@ -74,6 +74,7 @@ def test_a_rate_that_is_not_determined_is_a_dash() -> None:
     measurements = [
         Measurement("dlgmd", "detection_rate", "alarm as shipped", 0.5, 0.1, 0.9, 4),
         Measurement("dlgmd", "detection_rate", "at 1 per minute", nan, nan, nan, 0),
+        Measurement("dlgmd", "false_alarms_per_minute", "at 1 per minute", nan, nan, nan, 0),
     ]
     told: Any = SimpleNamespace(
         measurements=measurements, clips=(), detectors=[SimpleNamespace(name="dlgmd")]

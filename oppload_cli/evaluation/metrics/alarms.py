@@ -232,7 +232,10 @@ def _condition_of(rate: float) -> str:
 
 
 def shipped(clips: Sequence[Clip], detector: str, draws: Weights) -> Decision:
-    """Decide by the detector's own alarm, as ``oppload run`` has it."""
+    """Decide by the detector's own alarm, as ``oppload run`` has it.
+
+    If the alarms of the detector are off, all outcomes are NaN.
+    """
     outcomes = _outcomes(clips, [clip.outputs[detector].alarm for clip in clips])
     measurements = list(_measurements(clips, detector, SHIPPED, outcomes, draws))
     return Decision(SHIPPED, np.full(len(clips), np.nan), outcomes, measurements)

@@ -92,8 +92,9 @@ class Output:
     evidence : ndarray, shape (n,)
         The number that the alarm compares with its threshold: the response, or shortly before
         contact a multiple of the response.
-    alarm : ndarray of bool, shape (n,)
-        Whether the detector's own alarm is on.
+    alarm : ndarray of bool, shape (n,), or None
+        Whether the detector's own alarm is on; None if its alarms are off, as under a preset
+        without an alarm.
     winner : ndarray, shape (n, 4), or None
         Left, top, width and height of the winning unit's receptive field in source pixels; NaN in
         frames without a winning unit; None for a detector without units.
@@ -105,7 +106,7 @@ class Output:
 
     response: Numbers
     evidence: Numbers
-    alarm: Flags
+    alarm: Flags | None
     winner: Numbers | None = None
     box: Numbers | None = None
     contact_s: Numbers | None = None
