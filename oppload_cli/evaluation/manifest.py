@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os.path
 import re
 from dataclasses import dataclass, field, replace
@@ -429,7 +430,9 @@ def _labels_of(name: str, truth: Table, video: int, size: tuple[int, int]) -> li
             if not onset <= frame["frame"] <= contact:
                 continue
             known = []
-            for each in filter(itemgetter("looming"), frame["objects"]):
+            objects = filter(itemgetter("looming"), frame["objects"])
+            # The object that arrives first is the last one, so that the box of the frame is its.
+            for each in sorted(objects, key=_arrival_s, reverse=True):
                 if box := _within(each.get("box_px"), display, size):
                     boxes[frame["frame"]] = box
                 if each["time_to_contact_s"] is not None:
@@ -452,6 +455,12 @@ def _labels_of(name: str, truth: Table, video: int, size: tuple[int, int]) -> li
             )
         )
     return labels
+
+
+def _arrival_s(truth: Table) -> float:
+    """Return the time to contact of an object; infinite if it is not known."""
+    contact_s = truth["time_to_contact_s"]
+    return math.inf if contact_s is None else float(contact_s)
 
 
 def _within(

@@ -154,6 +154,34 @@ def test_the_true_time_to_contact_is_that_of_the_object_that_arrives_first() -> 
     assert found == pytest.approx(expected)
 
 
+BALLS = """
+[display]
+width = 64
+height = 48
+field_of_view_deg = 60
+projection = "perspective"
+[timing]
+motion_s = 0.5
+"""
+BALL = """
+[[object]]
+id = "{0}"
+kind = "picture"
+drawing = "ball"
+size_m = 0.6
+course = {{ kind = "collision", speed_m_s = 6, contact_s = {1}, bearing_deg = [{2}, 0] }}
+"""
+
+
+def test_the_true_box_is_that_of_the_object_that_arrives_first(tmp_path: Path) -> None:
+    early, late = BALL.format("early", 0.6, 12), BALL.format("late", 1.2, -12)
+    boxes = []
+    for objects in (early, early + late, late + early):
+        (tmp_path / "two.toml").write_text(BALLS + objects)
+        boxes.append(label_of(str(tmp_path / "two.toml")).boxes)
+    assert boxes[1] == boxes[2] == boxes[0] != {}
+
+
 def test_stimuli_of_one_name_are_refused(tmp_path: Path) -> None:
     for folder, most in (("a", "30"), ("b", "40")):
         (tmp_path / folder).mkdir()

@@ -42,7 +42,8 @@ class Label:
     motion : str
         Kind of motion of a clip without an approach.
     boxes : dict of int to tuple
-        By frame, the object's left, top, width and height in source pixels.
+        By frame, the object's left, top, width and height in source pixels. Of several looming
+        objects of a stimulus, the object is the one that arrives first.
     contacts : dict of int to float
         By frame, the true time to contact in seconds of the looming object that arrives first, if
         the time is known.
