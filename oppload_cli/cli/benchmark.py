@@ -95,6 +95,8 @@ def benchmark(
     if read is not None:
         with progress_bar(len(read.entries), "clip", quiet=quiet) as clip_bar:
             clips = evaluate(read, detectors, jobs=jobs or cores(), progress=clip_bar.update)
+        for fault in (*read.notes, *clips.faults):
+            say(f"oppload: {fault}")
     found = Benchmark(shown, detectors, clips)
     command = ["oppload", *sys.argv[1:]]
     for path in write_benchmark(found, output, command=command, settings=settings):

@@ -26,6 +26,7 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors
 from oppload_cli.models import registry
 from tests.cli import inside
+from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -232,6 +233,23 @@ def test_a_benchmark_with_other_settings_is_replaced_on_request_only(
     assert sorted(path.name for path in tmp_path.glob("*.pdf")) == ["mine.pdf", "polarity.pdf"]
     (tmp_path / "benchmark.json").write_text("damaged")
     assert "with other detectors and tables" in inside.run(capsys, *call, NAMES[0]).stderr
+
+
+def test_faults_of_the_clips_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(battery, "BATTERY", (small("dark"), small("bright")))
+    monkeypatch.setattr("oppload_cli.benchmark.output.BATTERY", battery.BATTERY)
+    write_video(tmp_path / "a.avi", grey_frames(10))
+    manifest = tmp_path / "clips.csv"
+    manifest.write_text("file,label,onset_frame,contact_frame\na.avi,none,,\nb.avi,none,,\n")
+    options = "-o", tmp_path / "b", "-q", "-j", "1", "--model", NAMES[0], "--manifest", manifest
+    done = inside.run(capsys, "benchmark", *options)
+    assert done.returncode == 4
+    assert done.stderr == (
+        f"oppload: {manifest}: row 3: b.avi: there is no such file; give its path from the "
+        "manifest's folder\n"
+    )
 
 
 def test_the_shades_end_at_the_responses() -> None:
