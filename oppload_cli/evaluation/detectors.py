@@ -64,7 +64,8 @@ def evaluated_detectors(
     Parameters
     ----------
     names : iterable of str
-        ``NAME`` (under preset ``default``), ``NAME:PRESET``, ``NAME:VARIANT``, or ``all``.
+        ``NAME`` (under preset ``default``), ``NAME:PRESET``, ``NAME:VARIANT``, ``all`` or
+        ``all:PRESET``.
         If they name no detector that presets change, all such detectors are evaluated under
         ``default`` and ``reference``.
     repeats : str, optional
@@ -123,8 +124,9 @@ def _full_names(names: Iterable[str]) -> list[str]:
     full: list[str] = []
     for name in names:
         variant = name.replace(":", "_")
-        if name == ALL:
-            full += _usual()
+        head, _, preset = name.partition(":")
+        if head == ALL:
+            full += [f"{each}:{preset}" for each in with_presets] if preset else _usual()
             full += [other for other in others if not detectors()[other].variant_of]
         elif name in with_presets:
             full.append(f"{name}:{DEFAULT_PRESET}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import ManifestError, ParameterError
-from oppload_cli.evaluation.detectors import evaluated_detectors
+from oppload_cli.evaluation.detectors import chosen_detectors, evaluated_detectors
 from oppload_cli.evaluation.manifest import clips_of, read_manifest, with_boxes
 
 if TYPE_CHECKING:
@@ -217,8 +217,15 @@ def test_detectors_and_the_baselines_beside_them() -> None:
     usual = [each.name for each in evaluated_detectors()]
     assert usual[0] == "opplod:default"
     assert usual[-3:] == baselines
+    usual, one = (
+        [each.name for each in chosen_detectors([name])] for name in ("all", "all:reference")
+    )
+    assert (usual[:2], one[0]) == (["opplod:default", "opplod:reference"], "opplod:reference")
+    assert usual[2:] == one[1:]
     paper = evaluated_detectors(["opplod:paper"])[0]
     assert (paper.height, paper.detector) == (600, "opplod")
     assert paper.as_dict()["parameters"]["receptive_field"] == 200
     with pytest.raises(ParameterError, match="no model 'opplod:papr'; did you mean 'opplod:paper'"):
         evaluated_detectors(["opplod:papr"])
+    with pytest.raises(ParameterError, match="no model 'opplod:papr'"):
+        evaluated_detectors(["all:papr"])
