@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from oppload_cli.evaluation.manifest import Manifest
+    from oppload_cli.evaluation.metrics.clips import Label
     from oppload_cli.results.reading import BaseResult
 
 
@@ -141,6 +144,7 @@ def plot(
     paths = [table for _, table in tables_in(results)]
     kinds = {path: _kind_of(path, kind) for path in paths}
     _check_effects({name for name, _ in kinds.values()})
+    options["manifest"] = _manifest_of(options["manifest"])
     groups = [paths] if output else [[path] for path in paths]
     failures: list[ResultError] = []
     for group in groups:
@@ -294,19 +298,50 @@ def _marks(results: Sequence[BaseResult], options: dict[str, Any]) -> dict[str, 
     ``--onset`` and ``--contact`` override ``--manifest``.
     """
     marks: dict[str, list[float | None]] = {}
-    entries = read_manifest(options["manifest"]).entries if options["manifest"] else ()
-    clips = {each.path.name: each.label for each in entries}
+    manifest: Manifest | None = options["manifest"]
+    clips = [_clip_of(result, manifest) for result in results] if manifest else []
     for name in ("onset", "contact"):
         text = options[name]
         if text:
             marks[name] = [_time_of(result, text, name) for result in results]
-        elif options["manifest"]:
-            frames = [getattr(clips.get(result.title), name, None) for result in results]
+        elif manifest:
+            frames = [getattr(clip, name, None) for clip in clips]
             marks[name] = [
                 None if frame is None else _time_of(result, f"f{frame}", name)
                 for result, frame in zip(results, frames, strict=True)
             ]
     return marks
+
+
+def _manifest_of(path: Path | None) -> Manifest | None:
+    """Read the manifest, if there is one, and print its faults: their rows mark no result."""
+    manifest = read_manifest(path) if path else None
+    for fault in manifest.faults if manifest else ():
+        say(f"oppload: {fault}")
+    return manifest
+
+
+def _clip_of(result: BaseResult, manifest: Manifest) -> Label | None:
+    """Return the label of a result's clip; None if the manifest has no clip of this name.
+
+    Of several clips of one name, the path in the sidecar decides.
+
+    Raises
+    ------
+    ResultError
+        If the path is that of none of them.
+    """
+    found = [each for each in manifest.entries if each.path.name == result.title]
+    if len(found) > 1:
+        stated = str(result.part("input").get("name"))
+        paths = {os.path.realpath(path) for path in (stated, result.path.parent / stated)}
+        found = [each for each in found if os.path.realpath(str(each.path)) in paths]
+        if not found:
+            raise ResultError(
+                f"{result.path}: several clips of {manifest.path} are named '{result.title}'; "
+                "plot it from the folder of its run, or give --onset and --contact"
+            )
+    return found[0].label if found else None
 
 
 def _time_of(result: BaseResult, text: str, label: str) -> float:

@@ -178,6 +178,31 @@ def test_contacts_come_from_a_manifest(tmp_path: Path, capsys: Capture) -> None:
     assert "<!-- onset -->" in drawn
 
 
+def test_of_several_clips_of_one_name_the_path_decides(tmp_path: Path, capsys: Capture) -> None:
+    for name, contact in (("a", 20), ("b", 30)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "clip.avi").touch()
+        write_result(tmp_path / f"{name}.frames.csv", peak=contact)
+        sidecar = {"input": {"name": f"{name}/clip.avi"}}
+        (tmp_path / f"{name}.oppload.json").write_text(json.dumps(sidecar))
+    manifest = tmp_path / "manifest.csv"
+    rows = [f"{name}/clip.avi,looming,5,{contact}" for name, contact in (("a", 20), ("b", 30))]
+    head = "file,label,onset_frame,contact_frame"
+    manifest.write_text("\n".join([head, *rows, "c.avi,none,,"]) + "\n")
+    figure = tmp_path / "one.svg"
+    drawing = ("--align", "contact", "--model", "opplod", "--scale", "peak", "-o", figure)
+    for name in "ab":
+        done = run(
+            capsys, "plot", tmp_path / f"{name}.frames.csv", *drawing, "--manifest", manifest
+        )
+        assert done.returncode == 0
+        assert "row 4: c.avi: there is no such file" in done.stderr
+        assert "<!-- OppLoD, peak 1 at 0.00 s -->" in figure.read_text()
+    (tmp_path / "a.oppload.json").write_text(json.dumps({"input": {"name": "z/clip.avi"}}))
+    done = run(capsys, "plot", tmp_path / "a.frames.csv", *drawing, "--manifest", manifest)
+    assert (done.returncode, "are named 'clip.avi'; plot it from" in done.stderr) == (2, True)
+
+
 def test_a_contact_after_the_end_is_given_in_seconds(tmp_path: Path, capsys: Capture) -> None:
     table = write_result(tmp_path / "a.frames.csv", 40)
     done = run(capsys, "plot", table, "--contact", "f63")
