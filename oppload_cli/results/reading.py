@@ -36,7 +36,7 @@ NOTHING = 1e-6  # share of the alarm's floor; a smaller response may be a roundi
 _COUNTS = ("frame", "flow_vectors", "rom_pairs")
 _TEXTS = ("blind",)
 _ALARM = "_alarm"  # end of the names of columns with alarms
-_LARGEST = 1e15  # largest number in a curve
+_LARGEST = 1e15  # largest number in a curve or a detection
 _ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
 
@@ -245,7 +245,8 @@ def _is_detection(found: Any) -> bool:
         return False
     required = [found.get(key) for key in ("frame", "x", "y", "width", "height")]
     return None not in required and all(
-        value is None or isinstance(value, int | float) for value in found.values()
+        value is None or (isinstance(value, int | float) and abs(value) <= _LARGEST)  # not NaN
+        for value in found.values()
     )
 
 

@@ -354,6 +354,11 @@ def test_an_interrupted_run(table: Path) -> None:
         ("clip.oppload.json", "{", "is not a sidecar that can be read"),
         ("clip.detections.jsonl", "[]\n", "is not valid JSON Lines"),
         ("clip.detections.jsonl", '{"frame": 8}\n', "not a detection"),
+        (
+            "clip.detections.jsonl",
+            '{"frame": 8, "x": 0, "y": 0, "width": NaN, "height": 9}\n',
+            "not a detection",
+        ),
     ],
 )
 def test_damaged_files(name: str, content: str, message: str, table: Path) -> None:
