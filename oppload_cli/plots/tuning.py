@@ -374,7 +374,7 @@ def _parameter(tunings: Sequence[Tuning]) -> str:
         advice = "draw --kind heat" if two else "a plot shows two at most"
         raise ResultError(f"{first.path}: columns {columns} are swept; {advice}")
     parameter = first.parameters[0]
-    texts = [value for value in first.rows[parameter] if isinstance(value, str)]
+    texts = [value for value in first.rows[parameter] if isinstance(value, str | bool)]
     if texts:
         raise ResultError(
             f"{first.path}: column '{parameter}' holds texts such as '{texts[0]}'; "

@@ -292,6 +292,11 @@ def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: P
         plot_tuning([tuning], "polar")
     with pytest.raises(ResultError, match=r"sweeps disk\.size_deg; a heat map needs two"):
         plot_tuning([tuning], "heat")
+    switch = tmp_path / "switch.tuning.csv"
+    rows = "s/1,True,opplod,1\ns/2,False,opplod,2\n"
+    switch.write_text(f"stimulus,effects.invert,model,peak\n{rows}")
+    with pytest.raises(ResultError, match=r"'effects\.invert' holds texts such as 'True'; a line"):
+        plot_tuning(read_tuning(switch), "line")
     values = {"disk.growth.speed_deg_s": [10.0, 20], "disk.size_deg": [5.0, 9]}
     both = read_tuning(write_tuning(tmp_path / "c.tuning.csv", values, {"opplod": [1.0, 2]}))
     with pytest.raises(ResultError, match=r"no column of a direction.*--kind heat"):
