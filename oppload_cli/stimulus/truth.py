@@ -77,9 +77,9 @@ class PictureTruth(ObjectTruth):
     """One picture of a staged scene in one frame.
 
     Its angular size is the angle that its longer side would span straight ahead; its edge speed
-    is half the growth of that angle. It looms while it is drawn, its course hits the camera, and
-    contact is at most ``camera.looming_within_s`` away. While it is not drawn, its centre is the
-    middle of the display.
+    is half the growth of that angle, and 0 while it is not in front of the camera. It looms while
+    it is drawn, its course hits the camera, and contact is at most ``camera.looming_within_s``
+    away. While it is not drawn, its centre is the middle of the display.
 
     Attributes
     ----------
@@ -233,7 +233,9 @@ def _picture_truth(protocol: Protocol, obj: Object, time: float) -> PictureTruth
     sight, cutout = sight_of(protocol, obj, time), cutout_of(obj, protocol.seed)
     half, ahead, view = (obj.size_m or 0.0) / 2, sight.offset[2], sight.view
     x, y = view.to_px(view.from_camera(sight.offset)) if sight.visible else view.middle
-    speed, rate = -half * sight.velocity[2], float(protocol.display.frame_rate)
+    in_front = ahead > NEAREST_M
+    speed = -half * sight.velocity[2] if in_front else 0.0
+    rate = float(protocol.display.frame_rate)
     contact = sight.contact_in_s
     near = contact is not None and contact <= camera_of(protocol).looming_within_s
     return PictureTruth(
@@ -242,7 +244,7 @@ def _picture_truth(protocol: Protocol, obj: Object, time: float) -> PictureTruth
         visible=sight.visible,
         angular_size_deg=2 * math.degrees(math.atan2(half, max(ahead, 0.0))),
         edge_speed_deg_s=math.degrees(speed / (ahead**2 + half**2)),
-        edge_speed_px_frame=view.eye_px * speed / max(ahead, NEAREST_M) ** 2 / rate,
+        edge_speed_px_frame=view.eye_px * speed / ahead**2 / rate if in_front else 0.0,
         centre_x_px=x,
         centre_y_px=y,
         time_to_contact_s=contact,

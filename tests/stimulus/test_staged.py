@@ -258,6 +258,11 @@ def test_what_looms_is_on_course_to_hit_and_soon_there() -> None:
 
 def test_a_picture_behind_the_camera_is_no_larger_than_half_of_all_around() -> None:
     course = {"kind": "overtaking", "speed_m_s": 4.0, "miss_sizes": 1.0, "contact_s": 0.5}
+    behind, beside = (truth_of(staged(course), frame) for frame in (5, 15))
+    for truth in (behind, beside):  # 180 degrees, whatever its distance
+        sizes = truth.visible, truth.edge_speed_deg_s, truth.edge_speed_px_frame
+        assert sizes == (False, 0, 0)
+    assert behind.offset_m[2] < -1 < beside.offset_m[2]
     behind, ahead = (truth_of(staged(course), frame) for frame in (0, 27))
     assert (behind.visible, behind.angular_size_deg) == (False, 180)
     expected = 2 * math.degrees(math.atan(0.25 / 1.6))
