@@ -193,3 +193,10 @@ def check_stage(protocol: ProtocolTables) -> None:
                 f"{where}: it starts {-ahead:g} m behind the camera; change start_m, or use kind "
                 "'overtaking'"
             )
+        contact, (_, end) = contact_of(protocol, obj), motion_times(protocol.timing, obj)
+        total, stays = protocol.timing.total_s, obj.vanishes == "never"
+        if stays and contact is not None and end + ROUNDING_S < contact <= total:
+            raise StimulusError(
+                f"{where}: its contact, at {contact:g} s, lies inside the pause after its motion "
+                f"({end:g} to {total:g} s), in which it rests; change contact_s or timing"
+            )

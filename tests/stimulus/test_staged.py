@@ -420,6 +420,11 @@ HIT = {"kind": "collision", "speed_m_s": 2.0}
             "object 'thing': course: it starts 2 m behind the camera; change start_m",
         ),
         (
+            HIT | {"contact_s": 1.5},
+            {"timing": {"motion_s": 1.0, "after_s": 1.0}},
+            r"its contact, at 1\.5 s, lies inside the pause after its motion \(1 to 2 s\)",
+        ),
+        (
             {"kind": "receding", "speed_m_s": 2.0, "distance_m": 1.0, "bearing_deg": [60, 0]},
             {},
             "object 'thing': it is outside the field .* in every frame; change its course",
