@@ -33,10 +33,10 @@ from oppload_cli.plots.style import (
     SHADES,
     TITLE_WIDTH,
     as_list,
+    check_xlim,
     colour_bar,
     norm_of,
     panel_grid,
-    short_number,
     styled_figure,
     wrapped,
     write_title,
@@ -139,34 +139,24 @@ def plot_curves(
         raise ParameterError(f"no scale '{scale}'; choose {', '.join(SCALES)}")
     if align not in {None, "contact"}:
         raise ParameterError(f"curves cannot be aligned at '{align}'; choose contact")
+    for label, times in (marks or {}).items():
+        if len(times) != len(results):
+            raise ParameterError(
+                f"marks: '{label}' has {len(times)} times; give one, or None, for each result "
+                f"({len(results)})"
+            )
     options = CurveOptions(
         tuple(models), scale, align, xlim, title, tuple(labels), dict(marks or {}), threshold,
         any_length,
     )  # fmt: skip
     panels = panels_of(results, options)
-    _check_xlim(panels, xlim)
+    check_xlim([curve.time for curves in panels for curve in curves], xlim)
     if sum(map(len, panels)) <= _MOST_CURVES or axes is not None:
         return _draw_few(panels, options.with_bars(panels), axes)
     if len(results) <= _MOST_PANELS:
         small = _one_each(panels)
         return _draw_multiples(small, options.with_bars(small))
     return _draw_heat(_one_each(panels), options)
-
-
-def _check_xlim(panels: Sequence[Sequence[Curve]], xlim: tuple[float, float] | None) -> None:
-    """Raise a ParameterError if the axis has no length, or shows no frame of any curve."""
-    if xlim is None:
-        return
-    begin, end = xlim
-    if not begin < end:
-        raise ParameterError(f"an axis from {begin:g} to {end:g} s has no length; begin it earlier")
-    times = [curve.time for curves in panels for curve in curves]
-    if not any(((begin <= time) & (time <= end)).any() for time in times):
-        first, last = min(time[0] for time in times), max(time[-1] for time in times)
-        raise ParameterError(
-            f"no frame is between {begin:g} and {end:g} s; the frames are between "
-            f"{short_number(first)} and {short_number(last)} s"
-        )
 
 
 def _draw_few(

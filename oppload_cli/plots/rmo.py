@@ -14,6 +14,7 @@ from oppload_cli.plots.style import (
     INK,
     TITLE_WIDTH,
     as_list,
+    check_xlim,
     labels_of,
     styled_figure,
     wrapped,
@@ -61,6 +62,8 @@ def plot_rmo(
 
     Raises
     ------
+    ParameterError
+        If the axis has no length or no end, or shows no frame.
     ResultError
         If a result was made with ``--no-rmo``, a column is empty, or there are too many.
 
@@ -86,6 +89,7 @@ def plot_rmo(
                 )
             if np.isnan(check_numbers(result.path, result.frames, name)).all():
                 raise ResultError(f"{result.path}: column '{name}' is empty; run it again")
+    check_xlim([each.frames["time_s"].to_numpy(float) for each in results], xlim)
     heights = [1.2, 1, 0.8] * len(results)
     with styled_figure(COLUMN, 0.3 + 2.9 * len(results)) as figure:
         panels = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])

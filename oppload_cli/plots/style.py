@@ -193,6 +193,26 @@ def first_stimulus(tuning: Tuning) -> dict[str, Any]:
     return {key: value for key, value in items if isinstance(value, types.get(key, object))}
 
 
+def check_xlim(times: Sequence[NDArray[np.float64]], xlim: tuple[float, float] | None) -> None:
+    """Raise a ParameterError if an axis of time has no length or no end, or shows no frame.
+
+    `times` has the times of the frames of each curve, rising, and `xlim` the ends of the axis.
+    """
+    if xlim is None:
+        return
+    begin, end = xlim
+    if not begin < end:
+        raise ParameterError(f"an axis from {begin:g} to {end:g} s has no length; begin it earlier")
+    if not np.isfinite(xlim).all():
+        raise ParameterError(f"an axis from {begin:g} to {end:g} s has no end; give two numbers")
+    if not any(((begin <= time) & (time <= end)).any() for time in times):
+        first, last = min(time[0] for time in times), max(time[-1] for time in times)
+        raise ParameterError(
+            f"no frame is between {begin:g} and {end:g} s; the frames are between "
+            f"{short_number(first)} and {short_number(last)} s"
+        )
+
+
 def begin_at_zero(axes: Axes) -> None:
     """Begin the vertical axis at 0, and let the axes cut no marker."""
     axes.set_ylim(0, _HEADROOM * max(axes.dataLim.y1, 0.0) or 1.0)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.curves import plot_curves
+from oppload_cli.plots.rmo import plot_rmo
 from oppload_cli.plots.style import COLUMN, CYCLE, METADATA, MOST_HEIGHT, PAGE, save
 from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
@@ -327,13 +328,20 @@ def test_own_axes_and_title(result: BaseResult) -> None:
     [
         ((6, 5), "from 6 to 5 s has no length"),
         ((20, 30), "between 20 and 30 s; the frames are between 0 and 1.95 s"),
+        ((0, float("inf")), "from 0 to inf s has no end"),
     ],
 )
 def test_an_axis_without_a_frame_is_an_error(
     result: BaseResult, xlim: tuple[float, float], said: str
 ) -> None:
-    with pytest.raises(ParameterError, match=said):
-        plot_curves(result, xlim=xlim)
+    for plot in (plot_curves, plot_rmo):
+        with pytest.raises(ParameterError, match=said):
+            plot(result, xlim=xlim)
+
+
+def test_each_result_has_its_marks(result: BaseResult) -> None:
+    with pytest.raises(ParameterError, match=r"'onset' has 2 times; give one, .* result \(1\)"):
+        plot_curves(result, marks={"contact": [1.0], "onset": [0.5, 1.0]})
 
 
 @pytest.mark.parametrize("options", [{"scale": "log"}, {"align": "onset"}])
