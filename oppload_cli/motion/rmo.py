@@ -140,10 +140,18 @@ def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
     Raises
     ------
     ParameterError
-        If `sides` is neither 1 nor 2, or the vectors are not pairs of finite numbers.
+        If `sides` is neither 1 nor 2, if the vectors are not pairs of finite numbers, or if there
+        are more of one than of the other.
     """
     RmoParams(sides=sides)  # checks the value
-    return _opponency(length(_points("v1", v1)), length(_points("v2", v2)), sides)
+    first, second = length(_points("v1", v1)), length(_points("v2", v2))
+    try:
+        first, second = np.broadcast_arrays(first, second)
+    except ValueError:
+        raise ParameterError(
+            f"v1 and v2 hold {first.shape} and {second.shape} vectors; give as many of both"
+        ) from None
+    return _opponency(first, second, sides)
 
 
 def opposite_pairs(vectors: ArrayLike, tolerance: float = 30.0) -> tuple[Rows, Rows]:
@@ -342,7 +350,12 @@ def _matching(starts: ArrayLike, vectors: ArrayLike) -> tuple[Points, Points]:
 
 def _points(name: str, values: ArrayLike) -> Points:
     """Return points (x, y) as a finite array of shape (..., 2)."""
-    array = np.asarray(values, dtype=np.float64)
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(
+            f"{name} holds something else than pairs of numbers ({error})"
+        ) from error
     if array.ndim == 0 or array.shape[-1] != 2:
         raise ParameterError(f"{name} is of shape {array.shape}; its last axis must be (x, y)")
     if not np.isfinite(array).all():

@@ -328,11 +328,19 @@ def test_zero_tolerances_leave_no_pair() -> None:
         (np.zeros((2, 3)), np.zeros((2, 3)), "last axis"),
         (np.zeros((2, 2)), [[np.nan, 1], [1, 1]], "vectors holds numbers that are not finite"),
         ([[np.inf, 1], [1, 1]], np.zeros((2, 2)), "starts holds numbers that are not finite"),
+        (np.zeros((2, 2)), [["left", 1], [1, 1]], "vectors holds something else than pairs of"),
+        (np.zeros((2, 2)), [[1, 1], [1]], "vectors holds something else than pairs of"),
     ],
 )
 def test_arrays_of_the_wrong_kind(starts: Points, vectors: Points, message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         rmo_metrics(starts, vectors)
+
+
+def test_as_many_vectors_of_both() -> None:
+    assert rmo((1, 0), [(-1, 0), (-3, 0)]).tolist() == [1, 0.5]
+    with pytest.raises(ParameterError, match=r"hold \(3,\) and \(2,\) vectors; give as many of"):
+        rmo(np.ones((3, 2)), np.ones((2, 2)))
 
 
 @pytest.mark.parametrize(
