@@ -89,7 +89,8 @@ def collect(
     Parameters
     ----------
     folders : sequence of Path
-        Folders, which are searched to any depth.
+        Folders, which are searched to any depth. A result that lies in several of them is in the
+        table once, under its name in the first one.
     output : Path
         The table, CSV or Parquet.
     of_frames : bool
@@ -109,7 +110,11 @@ def collect(
         If the table exists already, or cannot be written.
     """
     refuse_existing([output], if_exists)
-    results = [(path, folder) for folder in folders for path in _found_results(folder)]
+    found: dict[tuple[str, str], tuple[Path, Path]] = {}  # by real folder and name: each once
+    for folder in folders:
+        for path in _found_results(folder):
+            found.setdefault((os.path.realpath(path.parent), path.name), (path, folder))
+    results = found.values()
     columns = _frame_columns(path for path, _ in results) if of_frames else _SUMMARY_COLUMNS
     good = bad = rows = 0
     with open_table(output, columns, new=if_exists == "error") as table:

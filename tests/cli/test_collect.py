@@ -57,9 +57,14 @@ def test_results_of_one_name_are_told_apart_by_their_folders(results: Path, tmp_
 
 
 def test_what_was_collected_is_counted(results: Path, tmp_path: Path) -> None:
-    for folder, said in ((results, "2 results, 3 rows"), (results / "deep", "1 result, 1 row")):
-        target = tmp_path / f"{folder.name}.csv"
-        assert oppload("collect", folder, "-o", target).stderr == f"{said} -> {target}\n"
+    deep = results / "deep"
+    for folders, said in (
+        ([results], "2 results, 3 rows"),
+        ([deep], "1 result, 1 row"),
+        ([results, deep, results], "2 results, 3 rows"),  # each once
+    ):
+        target = tmp_path / f"{len(folders)}-{folders[0].name}.csv"
+        assert oppload("collect", *folders, "-o", target).stderr == f"{said} -> {target}\n"
 
 
 def test_all_frames_in_one_table(results: Path, tmp_path: Path) -> None:
