@@ -309,8 +309,8 @@ def clips_of(
         )
     settings = dict(parsed_setting(text) for text in changes)
     names = [name for name in inputs if not _is_clip(name)]
-    videos = [Path(name) for name in inputs if _is_clip(name)]
-    return _labelled(_protocols_of(names, settings, backgrounds), videos)
+    videos = {os.path.realpath(name): Path(name) for name in inputs if _is_clip(name)}  # each once
+    return _labelled(_protocols_of(names, settings, backgrounds), list(videos.values()))
 
 
 def _is_clip(name: str) -> bool:
