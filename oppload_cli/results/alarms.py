@@ -236,7 +236,8 @@ def _row(video: str, model: str, alarm: _AlarmEvent) -> dict[str, Any]:
 def _rows_in(path: Path) -> list[dict[str, Any]]:
     """Return the rows of an existing file; none if it cannot be read or has other columns."""
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        # Spreadsheets write a byte order mark.
+        with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
             return list(reader) if reader.fieldnames == list(_COLUMNS) else []
     except (OSError, ValueError, csv.Error):

@@ -349,7 +349,7 @@ def _beside(table: Path, suffix: str = SIDECAR) -> Path:
 def is_tuning(path: Path) -> bool:
     """Tell whether a CSV file has the header of a tuning table; False if it cannot be read."""
     try:
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8-sig") as file:
             header = file.readline().strip().split(",")
     except (OSError, UnicodeDecodeError):
         return False

@@ -316,7 +316,11 @@ def test_a_classic_figure_of_another_kind_has_the_title_of_its_stimulus(tmp_path
 
 
 def test_a_tuning_table_is_recognised_by_its_header(tmp_path: Path) -> None:
-    assert is_tuning(write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS))
+    table = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS)
+    assert is_tuning(table)
+    table.write_text(table.read_text(), encoding="utf-8-sig")  # as spreadsheets save it
+    assert is_tuning(table)
+    assert read_tuning(table).parameters == tuple(AXES)
     other = tmp_path / "b.csv"
     other.write_text("frame,time_s\n0,0\n")
     assert not is_tuning(other)

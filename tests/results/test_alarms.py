@@ -157,6 +157,7 @@ def test_they_come_back_from_a_sidecar_and_a_second_batch_adds_rows(tmp_path: Pa
     assert verdicts_in(sidecar) == (found,)
     path = tmp_path / "alarms.csv"
     write_alarms(path, {"b.mp4": [found], "a.mp4": [verdict([0], [])]})
+    path.write_text(path.read_text(), encoding="utf-8-sig")  # as spreadsheets save it
     write_alarms(path, {"c.mp4": [found], "a.mp4": [found]})
     write_alarms(path, {"c.mp4": []})
     rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
