@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 SILENCE_S = 1.0  # crossings of the threshold with less time between them are one alarm
 RATES = (0.5, 1.0, 2.0)  # false alarms per minute
-_HIGHEST_RATE = 10.0  # false alarms per minute; above this rate alarms are not counted further
 AT_ONE = "at 1 per minute"  # the condition under which the page compares detectors
 SHIPPED = "alarm as shipped"
 HELD_OUT = "held out"
@@ -74,11 +73,9 @@ class Thresholds:
         self._evidence = [clip.outputs[detector].evidence for clip in clips]
         quiet = [each[slice(*clip.quiet)] for each, clip in zip(self._evidence, clips, strict=True)]
         self.levels = np.unique(np.concatenate([_maxima(each) for each in quiet]))[::-1]
-        # One clip with more alarms than this exceeds every rate in every draw that contains it.
-        most = int(_HIGHEST_RATE * len(clips) * self.minutes.max(initial=0)) + 1
         self.counts = np.array(
             [
-                _counts(each, clip.time_s[slice(*clip.quiet)], self.levels, most)
+                _counts(each, clip.time_s[slice(*clip.quiet)], self.levels)
                 for each, clip in zip(quiet, clips, strict=True)
             ],
             np.float64,  # NumPy multiplies floats many times faster than integers
@@ -181,24 +178,35 @@ def _maxima(evidence: Numbers) -> Numbers:
     return np.asarray(evidence[(evidence >= padded[:-2]) & (evidence >= padded[2:])], np.float64)
 
 
-def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers, most: int) -> NDArray[np.int64]:
-    """Return the number of a clip's alarms at each of the levels, which fall.
+def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers) -> NDArray[np.int64]:
+    """Return the number of a clip's alarms at each level."""
+    end, times = len(evidence), time_s.tolist()
+    # The frames above a level, each linked to the next one on both sides; -1 and `end` stand for
+    # the ends. The frames are taken out in the order of their evidence, from the lowest on: so the
+    # time for hours of footage does not grow with the square of their length.
+    before, after = list(range(-1, end)), list(range(1, end + 2))
 
-    Counting stops at a value of the evidence with more than `most` alarms; all lower levels get
-    the count of this value.
+    def begins(frame: int, last: int) -> bool:
+        """Tell whether a frame above the level begins an alarm, if `last` is the one before it."""
+        return frame < end and (last < 0 or _is_apart(frame - last, times[frame] - times[last]))
+
+    order = np.argsort(evidence)
+    counts = [min(end, 1)]
+    for frame in order.tolist():
+        last, following = before[frame], after[frame]
+        lost = begins(frame, last) + begins(following, frame)
+        counts.append(counts[-1] + begins(following, last) - lost)
+        before[following], after[last] = last, following
+    return np.array(counts)[np.searchsorted(evidence[order], levels, side="right")]
+
+
+def _is_apart(frames: Any, silence_s: Any) -> Any:
+    """Tell whether the second of two frames above the threshold begins another alarm.
+
+    `frames` and `silence_s` are the distance of the frames in number and in seconds: numbers, or
+    arrays of them.
     """
-    own = np.unique(evidence)[::-1]  # the number of alarms changes only at these values
-    found: list[int] = []
-    for value in own:
-        found.append(_alarms_in(evidence > value, time_s))
-        if found[-1] > most:
-            break
-    if not found:
-        return np.zeros(len(levels), np.int64)
-    # The first own value at or below each level; below all own values the alarm is always on.
-    at = np.searchsorted(-own[: len(found)], -levels)
-    everywhere = 1 if len(found) == len(own) else found[-1]
-    return np.append(found, everywhere)[at]
+    return (frames > 1) & (silence_s >= SILENCE_S - 1e-6)
 
 
 def _alarms_in(above: Flags, time_s: Numbers) -> int:
@@ -208,9 +216,8 @@ def _alarms_in(above: Flags, time_s: Numbers) -> int:
     first frame begins an alarm there. Frames above the threshold without one below it in between
     are one alarm, also if more than a second lies between them.
     """
-    silence = np.diff(time_s[above], prepend=-np.inf)
-    after_others = np.diff(np.flatnonzero(above), prepend=-2) > 1
-    return int(np.count_nonzero(after_others & (silence >= SILENCE_S - 1e-6)))
+    frames = np.flatnonzero(above)
+    return min(len(frames), 1) + int(_is_apart(np.diff(frames), np.diff(time_s[frames])).sum())
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,15 @@ def test_the_threshold_is_the_lowest_that_keeps_to_a_rate() -> None:
     assert thresholds.lowest(np.array([2, 0, 0, 0]), 1) == 3
 
 
+def test_the_alarms_at_every_level_are_those_of_outcomes() -> None:
+    random = np.random.default_rng(1)
+    for rate in (1, 3, 30):
+        walk = np.abs(np.cumsum(random.normal(size=100))).round(1)
+        seen = Thresholds([clip(walk.tolist(), rate=rate)], NAME)
+        found = [seen.outcomes(level).false_alarms[0] for level in seen.levels]
+        assert seen.counts[0].tolist() == found
+
+
 def test_a_low_threshold_that_merges_all_alarms_into_one_is_not_chosen() -> None:
     flickers = clip([0.0, 0, 0, *([2.0] + [1.0] * 70) * 3, 0.5, 0.5])
     thresholds = Thresholds([flickers], NAME)
