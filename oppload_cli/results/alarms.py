@@ -201,9 +201,10 @@ def in_words(verdicts: Iterable[Verdict]) -> str:
 
 
 def times(value: float) -> str:
-    """Return a ratio to a threshold as a text with few digits."""
+    """Return a ratio to a threshold as a text with few digits; below 1 it does not become 1."""
     if 0 < value < 0.01:
         return "<0.01"
+    value = 0.99 if 0.99 < value < 1 else value
     return f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"
 
 

@@ -105,6 +105,8 @@ def test_an_alarm_without_a_contact_does_not_speak_of_one() -> None:
 
 def test_multiples_have_no_exponent() -> None:
     assert [times(value) for value in (0.26, 99.4, 99.5, 1207)] == ["0.26", "99", "100", "1207"]
+    # A response below the threshold is not told as one at the threshold.
+    assert [times(value) for value in (0.994, 0.9999, 1.0, 1.004)] == ["0.99", "0.99", "1", "1"]
 
 
 def test_no_alarm_tells_how_near_it_came() -> None:
