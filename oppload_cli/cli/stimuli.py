@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from oppload_cli.stimulus.protocol import Protocol
 
 _INDENT = "\n" + 13 * " "  # before the second and further values of a fact
 # The keys of oppload_cli.video.writers.FORMATS; importing that module would slow down --help.
@@ -64,6 +65,7 @@ def list_stimuli(patterns: tuple[str, ...], as_json: bool) -> None:
 def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
     """Show a protocol: its description, its stimuli, the changed values and its file."""
     found = [(entry, entry.with_settings(_settings(changes))) for entry in find(name)]
+    say_remarks([protocol for _, entry in found for protocol in entry.protocols()])
     if as_json:
         changed = [entry.telling_changes() for _, entry in found]
         tables = [protocol.as_table() for entry in changed for protocol in entry.protocols()]
@@ -113,6 +115,7 @@ def generate(
 
     protocols, problems = named(names, _settings(changes), form)
     wanted = not_made_yet(protocols, output, form, preview=preview, if_exists=if_exists)
+    say_remarks(protocols)
     if form == "mp4":
         say("note: mp4 (H.264) is lossy; use ffv1 for exact luminance")
     total = sum(protocol.frame_count for protocol in wanted)
@@ -149,6 +152,18 @@ def schema() -> None:
 
 def _settings(texts: Sequence[str]) -> dict[str, Any]:
     return dict(parsed_setting(text) for text in texts)
+
+
+def say_remarks(protocols: Sequence[Protocol]) -> None:
+    """Say each remark once, with the first stimulus that it concerns and the number of others."""
+    from oppload_cli.stimulus.remarks import remarks_on
+
+    concerned: dict[str, list[str]] = {}
+    for protocol in protocols:
+        for remark in remarks_on(protocol):
+            concerned.setdefault(remark, []).append(protocol.name)
+    for remark, (first, *others) in concerned.items():
+        say(f"note: {first}{f' and {len(others)} more' if others else ''}: {remark}")
 
 
 def _report(problems: list[OpploadError]) -> None:

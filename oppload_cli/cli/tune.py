@@ -22,6 +22,7 @@ from oppload_cli.cli.options import (
     quiet_option,
     settings_options,
 )
+from oppload_cli.cli.stimuli import say_remarks
 from oppload_cli.errors import ResultError
 from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.models.presets import STUDY_PRESET
@@ -130,6 +131,7 @@ def _run(
     from oppload_cli.tuning.run import doubts_about, tune, write_tuning, write_tuning_sidecar
 
     entry, settings, presentations, figure, fixed = sweep
+    say_remarks(entry.protocols())
     for key, value in fixed.items():
         say(f"oppload: {key} stays at {value}; to sweep it as well, add --over {key}")
     with progress_bar(len(entry.values()), "condition", quiet=quiet) as bar:

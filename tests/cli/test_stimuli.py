@@ -107,6 +107,16 @@ def test_show_names_the_changes_with_the_values_before() -> None:
     assert shown[1] == "changed:     effects.noise = 0.1, which the file leaves out"
 
 
+def test_a_stimulus_that_is_too_fast_for_its_frames_gets_one_note() -> None:
+    result = run("show", "controls/sine-grating", "--change", "grating.motion.speed_deg_s=300")
+    assert result.exit_code == 0
+    assert result.stderr == (
+        "note: controls/sine-grating/axis-0 and 7 more: object 'grating': it moves by half of its "
+        "period or more from one frame to the next, so that its direction cannot be seen; lower "
+        "its speed, or raise display.frame_rate\n"
+    )
+
+
 def test_the_truth_of_a_changed_stimulus_says_so(tmp_path: Path) -> None:
     run("generate", "klapoetke2017/loom", "-o", tmp_path, *SMALL)
     truth = stimulus.read_ground_truth(tmp_path / "klapoetke2017_loom.stimulus.json")

@@ -1,0 +1,100 @@
+"""Remarks on values that the frames of a valid stimulus do not show."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from oppload_cli.stimulus import Protocol
+from oppload_cli.stimulus.remarks import remarks_on
+
+TOP = """
+[display]
+width = 100
+height = 100
+frame_rate = 10
+pixels_per_degree = 4
+[timing]
+motion_s = 1.0
+after_s = 0.5
+"""
+GRATING = """
+[[object]]
+id = "grating"
+kind = "square-grating"
+period_deg = 10
+motion.speed_deg_s = {}
+"""
+DISK = """
+[[object]]
+id = "disk"
+kind = "disk"
+size_deg = 10
+"""
+
+
+def remarks(text: str) -> list[str]:
+    return remarks_on(Protocol.from_table(tomllib.loads(text), "my.toml"))
+
+
+@pytest.mark.parametrize(
+    ("text", "remarked"),
+    [
+        (GRATING.format(49), False),
+        (GRATING.format(50), True),  # half of the period in a frame
+        (GRATING.format("70\nmotion.direction_deg = 60"), False),  # 35 deg/s along the axis
+        (GRATING.format("0\nmotion.path_deg = [[0, 0], [51, 0]]\nmotion.path_s = [0, 1]"), True),
+        (GRATING.format("30\nmotion.zoom_per_s = -1"), True),  # the period shrinks to 3.7 deg
+        (GRATING.format("30\n[scene.motion]\nspeed_deg_s = 30"), True),
+        (GRATING.replace("square-grating", "plaid").format(70), False),  # 4.95 deg on both axes
+        (GRATING.replace("square-grating", "plaid").format(71), True),
+        (DISK + "motion.speed_deg_s = 51", False),
+    ],
+)
+def test_a_grating_that_moves_too_far_in_a_frame(text: str, remarked: bool) -> None:
+    found = remarks(TOP + text)
+    assert len(found) == remarked
+    assert all(each.startswith("object 'grating': it moves by half of its") for each in found)
+
+
+@pytest.mark.parametrize(("hertz", "remarked"), [(5, False), (5.1, True)])
+def test_a_flicker_that_is_too_fast(hertz: float, remarked: bool) -> None:
+    flicker = f"brightness = {{kind = 'flicker', to = 1.0, frequency_hz = {hertz}}}"
+    found = remarks(TOP + DISK + flicker)
+    assert len(found) == remarked
+    assert all("brightness.frequency_hz is above half of" in each for each in found)
+
+
+@pytest.mark.parametrize(
+    ("text", "late"),
+    [
+        ("brightness = {kind = 'step', to = 1.0, start_s = 1.0}", ""),
+        ("brightness = {kind = 'step', to = 1.0, start_s = 1.1}", "brightness.start_s"),
+        ("growth = {kind = 'steps', sizes_deg = [1, 2], times_s = [0.5, 1.0]}", ""),
+        ("growth = {kind = 'steps', sizes_deg = [1, 2], times_s = [0.5, 1.1]}", "growth.times_s"),
+        ("motion = {path_deg = [[0, 0], [1, 1]], path_s = [0, 1.0]}", ""),
+        ("motion = {path_deg = [[0, 0], [1, 1]], path_s = [0, 1.1]}", "motion.path_s"),
+    ],
+)
+def test_a_change_after_the_end_of_the_motion(text: str, late: str) -> None:
+    found = remarks(TOP + DISK + text)
+    assert len(found) == bool(late)
+    assert all(f"{late} is after the end of the motion" in each for each in found)
+
+
+def test_a_change_that_no_frame_shows() -> None:
+    # Without a pause after the motion, the last frame comes before the end of the motion.
+    step = "growth = {kind = 'steps', sizes_deg = [2], times_s = [1.0]}"
+    top = TOP.replace("after_s = 0.5", "")
+    assert "growth.times_s" in remarks(top + DISK + step)[0]
+    assert remarks(top + DISK + "reverse = true\n" + step) == []
+
+
+@pytest.mark.parametrize(("cut_s", "remarked"), [(1.4, False), (1.5, True)])
+def test_a_cut_after_the_end_of_the_clip(cut_s: float, remarked: bool) -> None:
+    projection = "projection = 'perspective'\n[timing]"
+    scene = f"[scene]\nbackground = 'sky'\ncut_s = {cut_s}"
+    found = remarks(TOP.replace("[timing]", projection) + scene)
+    assert len(found) == remarked
+    assert all("cut_s is after the end of the clip" in each for each in found)
