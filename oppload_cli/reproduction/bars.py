@@ -202,7 +202,8 @@ def _edge(tunings: _Tunings) -> Finding:
     ]
     median = float(np.median(last)) if last else math.nan
     return tunings.finding(
-        f"{plain(100 * median)} % of the peak remains beyond the edge.",
+        # Three digits: with two, 25.4 % would read as the 25 % at which the statement still holds.
+        f"{100 * median:.3g} % of the peak remains beyond the edge.",
         at_most(median, 0.05, 0.25),
         {"median_beyond_edge_over_peak": median},
         *BAR_WIDTHS,

@@ -125,13 +125,19 @@ def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars
     return bars._Tunings(shown, loom, 30.0, np.array([5.0, 7, 9]), REFERENCE)
 
 
-@pytest.mark.parametrize(("beyond", "verdict"), [(0.0, Verdict.HOLDS), (0.5, Verdict.DOES_NOT)])
-def test_the_edge_of_the_field_is_that_of_the_preset(beyond: float, verdict: Verdict) -> None:
+@pytest.mark.parametrize(
+    ("beyond", "stated", "verdict"),
+    [(0.0, "0 %", Verdict.HOLDS), (0.2537, "25.4 %", Verdict.DOES_NOT)],
+)
+def test_the_edge_of_the_field_is_that_of_the_preset(
+    beyond: float, stated: str, verdict: Verdict
+) -> None:
     """A bar whose ends are 13 degrees out in frame 4, and 15 in the next one."""
     curve = [float("nan"), 1.0, *[0.9] * 3, *[beyond] * 20]
     shown = {width: {0: responses(curve)} for width in (10, 60)}
     tuned = bars._Tunings(shown, 1.0, 12.0, np.arange(5.0, 55, 2), REFERENCE)
     assert bars._edge(tuned).numbers["median_beyond_edge_over_peak"] == beyond
+    assert bars._edge(tuned).text.startswith(f"{stated} of the peak")
     assert bars._edge(tuned).verdict is verdict
     assert bars._middle(tuned).numbers["lower_quartile_deg"] == pytest.approx(7)
 
