@@ -310,6 +310,13 @@ def _marks(results: Sequence[BaseResult], options: dict[str, Any]) -> dict[str, 
                 None if frame is None else _time_of(result, f"f{frame}", name)
                 for result, frame in zip(results, frames, strict=True)
             ]
+    pairs = zip(results, marks.get("onset", ()), marks.get("contact", ()), strict=False)
+    for result, onset, contact in pairs:
+        if onset is not None and contact is not None and onset > contact:
+            raise ParameterError(
+                f"{result.path}: the onset, {onset:g} s, is after the contact, {contact:g} s; "
+                "correct --onset or --contact"
+            )
     return marks
 
 

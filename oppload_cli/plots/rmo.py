@@ -63,7 +63,7 @@ def plot_rmo(
     Raises
     ------
     ParameterError
-        If the axis has no length or no end, or shows no frame.
+        If the axis has no length in seconds, or shows no frame.
     ResultError
         If a result was made with ``--no-rmo``, a column is empty, or there are too many.
 

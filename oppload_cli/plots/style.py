@@ -194,17 +194,18 @@ def first_stimulus(tuning: Tuning) -> dict[str, Any]:
 
 
 def check_xlim(times: Sequence[NDArray[np.float64]], xlim: tuple[float, float] | None) -> None:
-    """Raise a ParameterError if an axis of time has no length or no end, or shows no frame.
+    """Raise a ParameterError if an axis of time has no length in seconds, or shows no frame.
 
     `times` has the times of the frames of each curve, rising, and `xlim` the ends of the axis.
     """
     if xlim is None:
         return
     begin, end = xlim
-    if not begin < end:
-        raise ParameterError(f"an axis from {begin:g} to {end:g} s has no length; begin it earlier")
-    if not np.isfinite(xlim).all():
-        raise ParameterError(f"an axis from {begin:g} to {end:g} s has no end; give two numbers")
+    if not (np.isfinite(xlim).all() and begin < end):
+        raise ParameterError(
+            f"an axis from {begin:g} to {end:g} s has no length in seconds; give two numbers, the "
+            "smaller one first"
+        )
     if not any(((begin <= time) & (time <= end)).any() for time in times):
         first, last = min(time[0] for time in times), max(time[-1] for time in times)
         raise ParameterError(

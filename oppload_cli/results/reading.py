@@ -37,6 +37,7 @@ _COUNTS = ("frame", "flow_vectors", "rom_pairs")
 _TEXTS = ("blind",)
 _ALARM = "_alarm"  # end of the names of columns with alarms
 _LARGEST = 1e15  # largest number in a curve or a detection
+_NO_TABLES = (".json", ".jsonl", ".toml")  # sidecars, detections and settings lie beside tables
 _ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
 
@@ -271,6 +272,8 @@ def read_table(
     """
     if is_video(path.name) and path.exists():
         raise ResultError(f"{path}: is a video, not a result; run it first with 'oppload run'")
+    if path.suffix in _NO_TABLES and path.exists():
+        raise ResultError(f"{path}: is not a CSV table; {advice}")
     with reading(path, ResultError, form="text in UTF-8", repair=advice):
         try:
             with _complete_lines(path) as lines:

@@ -85,6 +85,12 @@ WRONG: list[tuple[str, Callable[[], list[Row]], list[str], str]] = [
         "a.frames.csv ends at frame 39; give a later time",
     ),
     ("a wrong mark", frame_rows, ["--contact", "soon"], "'soon' is no position"),
+    (
+        "an onset after the contact",
+        frame_rows,
+        ["--onset", "f20", "--contact", "0.5"],
+        "the onset, 1 s, is after the contact, 0.5 s; correct --onset or --contact",
+    ),
 ]
 
 
@@ -219,6 +225,16 @@ def test_one_figure_beside_each_result(tmp_path: Path, capsys: Capture) -> None:
     assert done.returncode == 0
     assert done.stdout.split() == [str(path) for path in made]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in made)
+
+
+def test_a_file_beside_a_table_is_no_table(tmp_path: Path, capsys: Capture) -> None:
+    sidecar = tmp_path / "a.oppload.json"
+    sidecar.write_text("{}")
+    done = run(capsys, "plot", sidecar)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"oppload: {sidecar}: is not a CSV table; give a frames.csv of 'oppload run'\n"
+    )
 
 
 @pytest.mark.parametrize("name", ["alarms.csv", "failures.csv", "alarms-2-of-3.csv"])

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING
 
 import matplotlib.colors
@@ -327,8 +328,9 @@ def test_own_axes_and_title(result: BaseResult) -> None:
     ("xlim", "said"),
     [
         ((6, 5), "from 6 to 5 s has no length"),
+        ((0, math.nan), "from 0 to nan s has no length"),
+        ((0, math.inf), "from 0 to inf s has no length"),
         ((20, 30), "between 20 and 30 s; the frames are between 0 and 1.95 s"),
-        ((0, float("inf")), "from 0 to inf s has no end"),
     ],
 )
 def test_an_axis_without_a_frame_is_an_error(
