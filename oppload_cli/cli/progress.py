@@ -172,7 +172,9 @@ class AlarmTable:
     """
 
     def __init__(self, names: Iterable[str], models: Sequence[str]) -> None:
-        self._wide = max(5, min(_WIDEST_NAME, max(map(len, names), default=0)))
+        self._wide = max(
+            5, min(_WIDEST_NAME, max((len(printable(each)) for each in names), default=0))
+        )
         self._models, self._is_new = models, True
         self._by_row = len(models) > MOST_IN_A_LINE
         self._stars = False
@@ -184,6 +186,7 @@ class AlarmTable:
         self._is_new = False
         cells = {each.model: _cell(each) for each in outcome.verdicts}
         self._stars = self._stars or any(map(_is_uncounted, outcome.verdicts))
+        name = printable(name)  # as it is printed: an escaped character is wider than its name
         shown = name if len(name) <= self._wide else f"...{name[3 - self._wide :]}"
         end = "skipped" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
         rows = {model: f"{cells.get(model, ''):<{_CELL}}" for model in self._models}

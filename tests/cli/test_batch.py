@@ -17,6 +17,7 @@ import pytest
 
 from oppload_cli.cli import progress
 from oppload_cli.cli.progress import AlarmTable, BatchProgress
+from oppload_cli.errors import printable
 from oppload_cli.pipeline.task import Outcome
 from oppload_cli.results.alarms import verdicts_in
 from tests.cli import process
@@ -361,6 +362,34 @@ def test_the_table_marks_peaks_that_did_not_count() -> None:
     meaning, star = table.legend()
     assert meaning == "peak: largest response of the input, as a multiple of its threshold (x)"
     assert star.startswith("*: a peak which did not count: it came at the start, a cut, a flash")
+
+
+def test_a_name_that_is_escaped_keeps_its_row_in_line() -> None:
+    table = AlarmTable(["plain", "\udcff"], ["opplod"])
+    rows = [list(table.lines(name, Outcome(frames=10)))[-1] for name in ("plain", "\udcff")]
+    assert [printable(row) for row in rows] == rows
+    assert len(set(map(len, rows))) == 1
+
+
+@pytest.mark.parametrize(
+    ("if_exists", "advice"),
+    [
+        ("error", "go on with --if-exists skip"),
+        ("overwrite", "the same command begins again; --if-exists skip keeps older results too"),
+    ],
+)
+def test_the_advice_after_an_interruption_suits_the_command(
+    if_exists: str, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_arguments: object, **_options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("oppload_cli.batch.tasks.run_tasks", interrupted)
+    for name in ("a.avi", "b.avi"):
+        (tmp_path / name).touch()
+    done = oppload("run", tmp_path, "-o", tmp_path, "--if-exists", if_exists)
+    assert done.returncode == 130
+    assert f"interrupted: 0 of 2 inputs are finished; {advice}\n" in done.stderr
 
 
 def test_of_many_detectors_each_has_a_row(tmp_path: Path) -> None:
