@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from fractions import Fraction
@@ -80,6 +81,12 @@ class Outputs:
     def paths(self) -> list[Path]:
         """Return the files, the table first."""
         return [path for path in vars(self).values() if path is not None]
+
+    def left_over(self) -> list[Path]:
+        """Return the part files that only an interrupted run with other options may have left."""
+        stem = self.csv.name.removesuffix(TABLE)
+        others = [self.csv.with_name(f"{stem}{suffix}") for suffix in (DETECTIONS, ANNOTATED)]
+        return [part_of(path) for path in others if path not in self.paths()]
 
     def absolute(self) -> Outputs:
         """Return the same files by absolute paths, for another process."""
@@ -327,6 +334,9 @@ class Writing:
         write_sidecar(self._outputs.sidecar, content())
         for each in self._other_files:
             each.commit()
+        for part in self._outputs.left_over():
+            with suppress(OSError):  # something else may have this name
+                part.unlink()
         self._file.commit()
 
     def keep(self) -> None:

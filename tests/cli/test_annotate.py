@@ -59,6 +59,7 @@ def test_the_files_of_a_run(clip: Path, tmp_path: Path) -> None:
 
 
 def test_without_opplod_there_are_no_detections(clip: Path, tmp_path: Path) -> None:
+    (tmp_path / "loom.detections.jsonl.part").touch()  # of an interrupted run with OppLoD
     done = oppload("run", clip, "-o", tmp_path, "--model", "dlgmd", "--annotate", *FAST)
     assert done.returncode == 0, done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == [
