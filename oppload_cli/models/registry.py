@@ -136,6 +136,11 @@ def load(name: str) -> None:
     A file or module that cannot be imported is a ParameterError.
     """
     path = Path(name)
+    if path.suffix != ".py" and not all(map(str.isidentifier, name.split("."))):
+        raise ParameterError(
+            f"--load {name}: is neither a file that ends in .py nor the name of a module; check "
+            "the name"
+        )
     try:
         if path.suffix == ".py":
             # Working processes load the same file and look for its classes in this module.
@@ -148,7 +153,8 @@ def load(name: str) -> None:
         _loaded[name] = sha256(path.read_bytes()).hexdigest()
     except OpploadError:
         raise
-    except Exception as error:
+    # SystemExit: a file that is also a program may end Python, and the command with it.
+    except (Exception, SystemExit) as error:
         raise ParameterError(
             f"--load {name}: cannot be imported ({type(error).__name__}: {error}); correct it"
         ) from error

@@ -585,5 +585,5 @@ def _alarm_params(result: BaseResult) -> AlarmParams:
 def _unknown_detector(path: Path, name: str) -> ResultError:
     return ResultError(
         f"{path}: its detector '{name}' is not known here; load it, as in "
-        "'oppload --load FILE.py plot ...'"
+        "'oppload --load FILE.py ...'"
     )

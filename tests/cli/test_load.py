@@ -101,6 +101,7 @@ def test_a_file_that_cannot_be_loaded_is_named(
     own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "broken.py").write_text("x = (")
+    (tmp_path / "leaves.py").write_text("raise SystemExit(0)")
     (tmp_path / "idle.py").write_text(DETECTOR.replace("@oppload.register\n", ""))
     monkeypatch.setenv(LOAD, "")  # which the command sets
     for how, name, fault in (
@@ -113,6 +114,9 @@ def test_a_file_that_cannot_be_loaded_is_named(
         assert done.stderr.count("\n") == 1
     own.write_text(DETECTOR.replace('"darkening"', '"dlgmd"'))
     for name, fault in (
+        ("a/b.txt", r"--load a/b.txt: is neither a file that ends in .py nor the name of a mod"),
+        (".", r"--load .: is neither a file that ends in .py nor the name of a module"),
+        (str(tmp_path / "leaves.py"), r"leaves.py: cannot be imported \(SystemExit: 0\)"),
         ("no_such_module", r"no_such_module: cannot be imported \(ModuleNotFoundError: "),
         (str(own), r"detector 'dlgmd' \(loaded_own\.Darkening\): its name is taken"),
     ):
@@ -170,7 +174,7 @@ def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(
     assert refused.returncode == 2
     assert refused.stderr == (
         f"oppload: {table.name}: its detector 'darkening' is not known here; load it, as in "
-        "'oppload --load FILE.py plot ...'\n"
+        "'oppload --load FILE.py ...'\n"
     )
     for command in (("plot", table.name), ("tune", "bar-expand-60"), ("run", "a.avi")):
         unknown = run(capsys, *command, "--model", "darkening")
