@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+import pickle
 import pkgutil
 import queue
 import uuid
@@ -19,8 +20,16 @@ from typing import TYPE_CHECKING, Any, Protocol
 import cv2
 
 from oppload_cli.batch.plan import Failure
-from oppload_cli.errors import ExitCode, OpploadError, ParameterError, reason_of, shortage
+from oppload_cli.errors import (
+    DetectorError,
+    ExitCode,
+    OpploadError,
+    ParameterError,
+    reason_of,
+    shortage,
+)
 from oppload_cli.files.reading import is_file
+from oppload_cli.models import registry
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.task import IfExists, exists_already
 from oppload_cli.processes import cores
@@ -31,7 +40,7 @@ from oppload_cli.version import __version__
 from oppload_cli.video.inputs import is_camera
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from oppload_cli.pipeline.task import Outcome, Task, Watcher
     from oppload_cli.results.table import FrameRecord
@@ -127,6 +136,8 @@ def _attempt(task: Task, watcher: Watcher) -> Outcome | Failure:
     """Run one task; return a Failure instead of raising an error, so that the others can go on."""
     try:
         return run_task(task, watcher)
+    except DetectorError as error:  # its message does not name the input
+        return _failed(task, f"{task.name}: {error}", error.exit_code)
     except OpploadError as error:
         return _failed(task, str(error), error.exit_code)
     except Exception as error:
@@ -209,22 +220,30 @@ def _connected(scheduler: str) -> Iterator[Any]:
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
-    """Raise ParameterError unless there are workers, and each has this version of oppload."""
+    """Raise ParameterError unless there are workers, and all have this version of oppload.
+
+    The scheduler needs it too, because it reads the name of our function in each task.
+    """
     try:
         Call(partial(client.wait_for_workers, 1, timeout=ANSWER_WITHIN_S)).result()
     except TimeoutError as error:
         raise ParameterError(
             f"--scheduler {scheduler}: has no worker; start some with 'dask worker {scheduler}'"
         ) from error
-    # The workers call a function of Python: without oppload, they could not load ours.
-    asked = partial(client.run, pkgutil.resolve_name, "oppload_cli.version:__version__")
+    # They call a function of Python: without oppload, they could not load ours.
+    asked = pkgutil.resolve_name, "oppload_cli.version:__version__"
     try:
-        versions = Call(partial(asked, on_error="return")).result(ANSWER_WITHIN_S)
+        ask_workers = partial(client.run, *asked, on_error="return")
+        versions = Call(ask_workers).result(ANSWER_WITHIN_S)
+        of_scheduler = Call(partial(client.run_on_scheduler, *asked)).result(ANSWER_WITHIN_S)
+    except ImportError as error:
+        of_scheduler = error
     except Exception as error:
         raise ParameterError(
             f"--scheduler {scheduler}: does not answer ({reason_of(error)}); restart it"
         ) from error
-    for worker, version in sorted(versions.items()):
+    answers = {f"worker {name}": version for name, version in sorted(versions.items())}
+    for where, version in {f"--scheduler {scheduler}": of_scheduler, **answers}.items():
         if version == __version__:
             continue
         if isinstance(version, ImportError | AttributeError):
@@ -233,15 +252,21 @@ def _check_workers(client: Any, scheduler: str) -> None:
             fault = f"does not answer ({reason_of(version)}); restart it"
         else:
             fault = f"has oppload {version}, not {__version__}; install one version everywhere"
-        raise ParameterError(f"worker {worker}: {fault}")
+        raise ParameterError(f"{where}: {fault}")
 
 
-def _run_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
+def _run_on_worker(
+    pickled: bytes, loaded: Sequence[dict[str, str]], topic: str, version: str
+) -> Outcome | Failure:
     """Run one task on a worker.
 
-    `topic` is the topic of dask under which the worker reports its progress, and the name of the
-    event that stops the task. `version` is the version of oppload that has started the batch.
+    `pickled` is the task, which may hold parameters of the user's own detectors, and `loaded` are
+    the files that define these (:func:`registry.loaded`). `topic` is the topic of dask under which
+    the worker reports its progress, and the name of the event that stops the task. `version` is the
+    version of oppload that has started the batch.
     """
+    registry.load_only(loaded)
+    task: Task = pickle.loads(pickled)  # noqa: S301 - from the client, as all that dask sends
     if version != __version__:  # a worker that joined after `_check_workers`
         message = f"{task.name}: its worker has oppload {__version__}, not {version}; replace it"
         return _failed(task, message)
@@ -314,7 +339,8 @@ class _ClusterRun:
             self._observer.ended(task, _failed(task, str(error), error.exit_code))
             return True
         key = f"{self._topic}-{uuid.uuid4().hex}"
-        arguments = sent, self._topic, __version__
+        # The scheduler reads the arguments too, and knows no detector of the user's own.
+        arguments = pickle.dumps(sent), registry.loaded(), self._topic, __version__
         future = self._client.submit(_run_on_worker, *arguments, key=key, pure=False)
         self._submitted[future.key] = (task, future)
         future.add_done_callback(lambda done: self._messages.put(("ended", done.key)))
@@ -363,6 +389,8 @@ def _result(task: Task, future: Any) -> Outcome | Failure:
     if future.status == "cancelled":
         return _failed(task, f"{task.name}: was cancelled on the cluster; try it again")
     error = Call(future.exception).result()
+    if isinstance(error, OpploadError):
+        return _failed(task, f"{task.name}: on its worker: {error}", error.exit_code)
     kind = type(error).__name__
     if kind == "KilledWorker":
         remedy = "check their memory, or run it alone"

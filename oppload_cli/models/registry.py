@@ -160,6 +160,21 @@ def load(name: str) -> None:
         ) from error
 
 
+def load_only(files: Sequence[dict[str, str]]) -> None:
+    """Load files of detectors, as `loaded` returns them, in place of those loaded before.
+
+    A worker of a cluster runs the batches of many users, and a user changes files between batches.
+    """
+    if loaded() == list(files):
+        return
+    for name, detector in detectors().items():
+        if not _is_of_package(detector):
+            forget(name)
+    _loaded.clear()
+    for file in files:
+        load(file["name"])
+
+
 def loaded() -> list[dict[str, str]]:
     """Return the name and the checksum of each file that `load` has imported."""
     return [{"name": name, "sha256": checksum} for name, checksum in _loaded.items()]

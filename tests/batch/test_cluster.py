@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from oppload_cli.batch import tasks
+from oppload_cli.errors import ParameterError
 from oppload_cli.processes import threads
-from tests.cli import inside
 from tests.cli.process import oppload
 from tests.cli.test_batch import FAST, sidecars, tables
+from tests.cli.test_load import DETECTOR
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -82,9 +83,11 @@ def ten(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_worker_that_is_killed_costs_no_result(ten: Path, tmp_path: Path) -> None:
-    alone, out = tmp_path / "alone", tmp_path / "out"
-    named = ("run", ten, *FAST, "-o")
-    assert inside.oppload(*named, alone).returncode == 4
+    """With a detector of the user's own, which the workers load when they get a task."""
+    alone, out, own = tmp_path / "alone", tmp_path / "out", tmp_path / "own.py"
+    own.write_text(DETECTOR)
+    named = ("--load", own, "run", ten, "--model", "opplod,darkening", *FAST, "-o")
+    assert oppload(*named, alone).returncode == 4
     with ExitStack() as stack:
         file = stack.enter_context(scheduler(tmp_path))
         workers = [stack.enter_context(worker(file, tmp_path)) for _ in range(2)]
@@ -120,6 +123,21 @@ def test_waiting_for_workers_answers_an_interruption(monkeypatch: pytest.MonkeyP
     with pytest.raises(KeyboardInterrupt):
         tasks._check_workers(Client(), "tcp://127.0.0.1:1")
     came.set()
+
+
+def test_a_scheduler_without_oppload_is_named() -> None:
+    class Client:
+        def wait_for_workers(self, _count: int, timeout: float) -> None:
+            pass
+
+        def run(self, *_asked: object, **_options: object) -> dict[str, str]:
+            return {}
+
+        def run_on_scheduler(self, *_asked: object) -> str:
+            raise ModuleNotFoundError("oppload_cli")
+
+    with pytest.raises(ParameterError, match=r"^--scheduler tcp://a:1: has no oppload; install "):
+        tasks._check_workers(Client(), "tcp://a:1")
 
 
 @pytest.mark.slow

@@ -148,6 +148,8 @@ def test_a_step_that_fails_names_the_detector_and_leaves_no_file(own: Path, tmp_
     assert "detector 'darkening': its step failed (IndexError: list index" in done.stderr
     assert f"own.py, line {line}); correct the detector" in done.stderr
     assert list((tmp_path / "out").iterdir()) == []
+    both = inside.oppload(words[0], "none.avi", *words[1:], "-j", "1", cwd=tmp_path)
+    assert "oppload: a.avi: detector 'darkening': its step failed" in both.stderr
 
 
 def test_a_detector_that_another_file_registers_is_enough(tmp_path: Path) -> None:
