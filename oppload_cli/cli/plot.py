@@ -12,7 +12,7 @@ from click.core import ParameterSource
 
 import oppload_cli as oppload
 from oppload_cli.cli import check_display, say, show_file
-from oppload_cli.cli.options import check_models, names_in
+from oppload_cli.cli.options import check_models, complete_models, names_in
 from oppload_cli.errors import ExitCode, ParameterError, ResultError
 from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.models.registry import detector_named
@@ -72,6 +72,7 @@ _EFFECTS = {
     "models",
     multiple=True,
     metavar="NAME",
+    shell_complete=complete_models,
     help="Draw only this detector; A,B for several, or given again.",
 )
 @click.option(

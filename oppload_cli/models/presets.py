@@ -63,17 +63,18 @@ PRESETS = {
 }
 
 
-def preset_in(models: Iterable[str]) -> str:
+def preset_in(models: Iterable[str], where: str = "--model") -> str:
     """Return the preset in values of ``--model`` such as ``NAME:PRESET``, empty if there is none.
 
-    Different presets are a ParameterError, because one run has one preset.
+    Different presets are a ParameterError, because one run has one preset; `where` is the place of
+    the values in its message.
     """
     names = [each.strip() for text in models for each in text.split(",")]
     suffixes = (name.partition(":")[2].strip() for name in names if name not in VARIANTS)
     presets = list(dict.fromkeys(suffix for suffix in suffixes if suffix in PRESETS))
     if len(presets) > 1:
         raise ParameterError(
-            f"--model names the presets '{presets[0]}' and '{presets[1]}'; give each a run of its "
+            f"{where} names the presets '{presets[0]}' and '{presets[1]}'; give each a run of its "
             f"own, or compare them with 'oppload evaluate'"
         )
     return presets[0] if presets else ""

@@ -220,7 +220,7 @@ def resolve(
     origins["preset"] = _COMMAND_LINE if preset else source if "preset" in content else "default"
     settings = Settings(chosen.name, default_names(), chosen.height, True, groups, origins)
     settings = _with_file(settings, content, source)
-    asked = "" if models else preset_in(content.get("models", ()))
+    asked = "" if models else preset_in(content.get("models", ()), f"{source}: 'models'")
     if asked not in {"", chosen.name}:
         raise ParameterError(
             f"{source}: 'models' asks for preset '{asked}', but the preset is '{chosen.name}'; "

@@ -66,7 +66,8 @@ def test_the_shell_completes_names() -> None:
     assert completed("run", "--preset", "") == list(PRESETS)
     assert completed("run", "--model", "opp") == ["opplod"]
     assert completed("tune", "--model", "dlgmd,opplod:r") == ["dlgmd,opplod:reference"]
-    assert set(completed("evaluate", "--model", "")) == set(detectors())
+    for command in ("evaluate", "plot"):
+        assert set(completed(command, "--model", "")) == set(detectors())
     assert completed("run", "--set", "opp") == ["opplod."]
     assert completed("run", "--set", "opplod.rec") == ["opplod.receptive_field="]
     assert completed("run", "--set", "opplod.axes=") == ["opplod.axes=0", "opplod.axes=45"]

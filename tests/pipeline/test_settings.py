@@ -68,6 +68,10 @@ def test_a_preset_brings_its_own_alarm() -> None:
         ("preset = 3", "'preset' must be a word"),
         ('preset = "papr"', "no preset 'papr'; did you mean 'paper'"),
         ('models = "opplod"', "models must be a list"),
+        (
+            'models = ["opplod:paper", "dlgmd:reference"]',
+            r"settings.toml: 'models' names the presets 'paper' and 'reference'",
+        ),
         ('models = ["opplod:paper"]', "'models' asks for preset 'paper', but .* is 'default'"),
         ('models = ["dlgdm"]', "no model 'dlgdm'; did you mean 'dlgmd'"),
         ('columns = ["all"]', "columns must be 'usual' or 'all', not"),
