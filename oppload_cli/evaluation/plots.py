@@ -30,6 +30,8 @@ _COLOURS = ("#009E73", "#CC79A7")  # of presets other than the default; from Oka
 _SIZE = 4.8, 3.5  # inches
 _HIGHEST_RATE = 6.0  # false alarms per minute at the end of the axis
 _SHOWN = 1.6  # the axis of false alarms ends at this multiple of the highest rate
+_APART = 0.09  # of two points with equal lead times, in rows
+_REACH = 0.42  # of the points of a detector above and below its row
 _SHARES: dict[str, Any] = {"xlim": (-0.01, 1.01), "ylim": (0, 1.02)}  # limits for two shares
 
 
@@ -66,7 +68,7 @@ def _roc(axes: Axes, performances: Performances) -> None:
     axes.plot([0, 1], [0, 1], color=FAINT, lw=0.7, linestyle=":")
     for each, look in _looks(performances):
         if each.curve is not None:
-            look["label"] += f" ({each.curve.auc:.2f})"
+            look["label"] += f" ({each.curve.auc:.3f})"
             axes.plot(each.curve.false_rate, each.curve.true_rate, **look)
     _legend(axes)
 
@@ -75,7 +77,7 @@ def _precision_recall(axes: Axes, performances: Performances) -> None:
     axes.set(xlabel="recall", ylabel="precision", title="precision and recall", **_SHARES)
     for each, look in _looks(performances):
         if each.curve is not None:
-            look["label"] += f" ({each.curve.average_precision:.2f})"
+            look["label"] += f" ({each.curve.average_precision:.3f})"
             rises = np.append(True, np.diff(each.curve.true_rate) > 0)
             recall, precision = each.curve.true_rate[rises], each.curve.precision[rises]
             axes.step(recall, precision, where="pre", **look)
@@ -110,7 +112,9 @@ def _leads(axes: Axes, performances: Performances) -> None:
         approaches = int((~np.isnan(outcomes.detected)).sum())
         labels.append(f"{look['label']}\n{len(leads)} of {approaches}")
         # Points with equal lead times are drawn above and below each other, so that all are seen.
-        y = row + 0.09 * _rank_among_equal(leads)
+        ranks = _rank_among_equal(leads)
+        highest = np.abs(ranks).max(initial=1)
+        y = row + min(_APART, _REACH / highest) * ranks
         axes.plot(leads, y, "o", color=look["color"], markersize=3.5, alpha=0.8)
         if len(leads):
             axes.plot([np.median(leads)] * 2, [row - 0.3, row + 0.3], color=INK, lw=1.2)

@@ -43,6 +43,15 @@ def test_leads_and_kinds_are_those_of_the_figures() -> None:
     assert [bar.get_width() for bar in axes.patches] == pytest.approx([0, 2, 0])  # type: ignore[attr-defined]
 
 
+def test_many_equal_leads_stay_in_the_row_of_their_detector() -> None:
+    clips = [*[clip(peaks(100, {85: 1.0}), 80, 90)] * 20, clip(peaks(603, {100: 0.5}))]
+    found = measured(clips, NAME, draws_of([each.label.looming for each in clips], 100))
+    (axes,) = figure_of("lead-time.png", {NAME: found}).axes
+    rows = np.sort(np.asarray(axes.get_lines()[0].get_ydata()))
+    assert len(np.unique(rows)) == 20
+    assert np.abs(rows).max() == pytest.approx(0.42)
+
+
 @pytest.mark.parametrize(
     "clips",
     [
