@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import DecodedSource, Frame, FrameSource
 
 
+_MOST_REASONS = 10  # in the message that no clip can be used
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """The outcome of `evaluate`: the analysed clips and all measurements.
@@ -88,8 +91,12 @@ def evaluate(
             entries.append(entry)
             clips.append(each.clip)
     if not clips:
-        reason = f"; {faults[0].removeprefix(f'{manifest.path}: ')}" if faults else ""
-        raise SourceError(f"{manifest.path}: names no clip that can be used{reason}")
+        # The faults of the manifest are known already; those of the clips have no other place.
+        shown = faults[len(manifest.faults) :] or faults
+        reasons = [each.removeprefix(f"{manifest.path}: ") for each in shown[:_MOST_REASONS]]
+        if len(shown) > _MOST_REASONS:
+            reasons.append(f"and {len(shown) - _MOST_REASONS} more rows")
+        raise SourceError("; ".join([f"{manifest.path}: names no clip that can be used", *reasons]))
     looming = [clip.label.looming for clip in clips]
     weights = draws_of(looming, draws, videos=videos_of(clips))
     performances = {each.name: measured(clips, each.name, weights) for each in detectors}
