@@ -14,7 +14,7 @@ from oppload_cli.files.reading import is_file, is_folder, reading
 from oppload_cli.files.tables import open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.reading import check_frames, kind_of_column, read_table
+from oppload_cli.results.reading import check_detectors, check_frames, kind_of_column, read_table
 from oppload_cli.results.table import (
     SIDECAR,
     TABLE,
@@ -222,6 +222,7 @@ def _frame_rows(path: Path, name: str) -> Iterator[Row]:
         raise ResultError(f"{table}: there is no such file; {_REMEDY}")
     _check_rows(table, content)
     frames = read_table(table, _REMEDY)
+    check_detectors(table, content)
     if not set(frames.columns) <= _frame_columns([path]).keys():
         raise ResultError(f"{table}: is no table of 'oppload run'; {_REMEDY}")
     check_frames(table, frames, frames.columns)

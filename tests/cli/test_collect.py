@@ -123,6 +123,14 @@ def test_a_bad_sidecar_is_named_and_spares_the_others(results: Path, tmp_path: P
     assert len(rows(tmp_path / "all.csv")) == 3
 
 
+def test_frames_of_a_detector_that_is_not_loaded(results: Path, tmp_path: Path) -> None:
+    for name in ("loom.frames.csv", "loom.oppload.json"):
+        (tmp_path / name).write_text((results / name).read_text().replace("dlgmd", "mine"))
+    done = oppload("collect", tmp_path, "-o", tmp_path / "all.csv", "--frames")
+    assert done.returncode == 3
+    assert "loom.frames.csv: its detector 'mine' is not known here; load it, as in" in done.stderr
+
+
 @pytest.mark.parametrize("words", [(), ("--frames",)])
 def test_results_of_which_none_can_be_read(tmp_path: Path, words: tuple[str, ...]) -> None:
     """The exit code is 3, as if a run cannot read any input; no table remains."""

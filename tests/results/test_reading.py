@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import ResultError
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.reading import check_numbers, read_result
 from tests.results.make import frame_rows, write_rows
 
 if TYPE_CHECKING:
@@ -36,6 +36,13 @@ def test_a_cell_that_no_run_writes(tmp_path: Path, column: str, text: str, reaso
         read_result(path)
     assert f"{path}: column '{column}' " in str(found.value)
     assert reason in str(found.value)
+
+
+def test_the_largest_number_of_a_detector_is_read(tmp_path: Path) -> None:
+    """Inner values of `--columns all`: products of sums over a large frame."""
+    rows = [row | {"product": "1.5e28"} for row in frame_rows()]
+    path = write_rows(tmp_path / "a.frames.csv", rows)
+    assert check_numbers(path, read_result(path).frames, "product").max() == 1.5e28
 
 
 def test_rows_out_of_order_and_twice(tmp_path: Path) -> None:
