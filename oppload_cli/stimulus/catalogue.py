@@ -129,7 +129,7 @@ class Entry:
             Values by dotted key, e.g. ``{"bar.axis_deg": 45}``, or by a word such as ``l/v``. For
             a swept key, the value or list of values replaces the values of the sweep. A key that
             excludes a key of the file (``pixels_per_degree`` and ``field_of_view_deg``) replaces
-            this key.
+            this key. Other swept keys keep the values of the wanted members.
         option : str
             The user's option that has the settings, for messages.
 
@@ -140,6 +140,8 @@ class Entry:
         """
         table, sweep, only = self.table, dict(self.sweep), self.only
         settings = self.in_full(settings)
+        if settings.keys() & sweep.keys():  # names change, so that `only` would select none
+            sweep, only = self._swept_by_members(), "*"
         for dotted, value in settings.items():
             owner, _, leaf = dotted.rpartition(".")
             other = f"{owner}.{_OTHER_OF_PAIR[leaf]}" if leaf in _OTHER_OF_PAIR else ""
@@ -149,11 +151,18 @@ class Entry:
             if dotted in sweep:
                 several = isinstance(value, list) and not isinstance(sweep[dotted][0], list)
                 sweep[dotted] = value if several and value else [value]
-                only = "*"
             else:
                 table = _with_value(table, dotted, value, f"{self.name}: {option} {dotted}", WORDS)
         changes = {**self.changes, **settings}
         return replace(self, table=table, sweep=sweep, only=only, changes=changes)
+
+    def _swept_by_members(self) -> dict[str, list[Any]]:
+        """Return the sweep with the values of the wanted members alone."""
+        members = self.values().values()
+        return {
+            dotted: [value for value in values if any(each[dotted] == value for each in members)]
+            for dotted, values in self.sweep.items()
+        }
 
     def in_full(self, settings: dict[str, Any]) -> dict[str, Any]:
         """Return settings by dotted key; a word such as ``l/v`` becomes the key that it means.

@@ -167,7 +167,17 @@ def sweeps(
         for key in changes:
             if over and key in entry.sweep:
                 raise ParameterError(f"--change {key}: --over sweeps it; leave one of the two out")
-        replaced = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else ()
+        replaced = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else set()
+        for key in sorted(replaced):
+            first, *others = own.sweep[key]
+            if not others:  # a single value is no sweep that --over could replace
+                entry = replace(entry.with_settings({key: first}), sweep=entry.sweep)
+                replaced.remove(key)
+            elif key in changes:
+                raise ParameterError(
+                    f"--change {key}: gives several values beside --over; give one of them, or "
+                    f"sweep them with --over {key}=..."
+                )
         values = {key: value_at(entry.table, key) for key in sorted(replaced)}
         fixed = {key: value for key, value in values.items() if value is not None}
         return [Sweep(entry, resolve(**settings), fixed=fixed)]

@@ -129,6 +129,14 @@ def test_find_by_name_member_pattern_and_file(tmp_path: Path) -> None:
     assert stimulus.load(str(own)).name == "own"
 
 
+def test_a_changed_member_keeps_its_other_values() -> None:
+    member = "staged/collision/background-sky_speed-m-3_bearing-15x4_relative-luminance-0.4"
+    (changed,) = stimulus.load_all(member, {"scene.background": "room"})
+    assert changed.name == member.replace("sky", "room")
+    part = stimulus.load_all("staged/collision/background-sky*", {"thing.course.speed_m_s": 5})
+    assert [each.scene.background for each in part] == ["sky"] * 6
+
+
 def test_members_of_a_file_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = catalogue_directory() / "klapoetke2017" / "loom-l-over-v.toml"
     shutil.copy(source, tmp_path / "my.toml")

@@ -216,12 +216,28 @@ def test_the_own_sweep_that_another_one_replaces_is_named() -> None:
     assert not sweep.fixed
 
 
+def test_a_change_replaces_the_own_sweep_that_another_one_drops() -> None:
+    (sweep,) = sweeps(
+        "staged/collision/background-sky_speed-m-3_bearing-15x4_relative-luminance-0.4",
+        (),
+        {"scene.background": "room"},
+        ["thing.size_m=1,2"],
+        {"models": ["opplod"]},
+    )
+    assert (sweep.entry.sweep, sweep.fixed) == ({"thing.size_m": [1, 2]}, {})
+    for protocol in sweep.entry.protocols():
+        (thing,) = protocol.objects
+        assert thing.course is not None
+        assert (protocol.scene.background, thing.course.bearing_deg) == ("room", (15, 4))
+
+
 @pytest.mark.parametrize(
     ("changes", "over", "message"),
     [
         ({}, ["l/v=10,20", "l/v=30"], "'disk.growth.l_over_v_ms' is swept already"),
         ({}, ["l/v=10,20,10"], "10 is there twice"),
         ({"disk.growth.l_over_v_ms": 30}, ["l/v=10,20"], "--over sweeps it; leave one"),
+        ({"l/v": [30, 40]}, ["direction=0,90"], "several values beside --over; give one of them"),
     ],
 )
 def test_options_that_contradict_each_other(
