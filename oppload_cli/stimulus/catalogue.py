@@ -140,11 +140,12 @@ class Entry:
         """
         table, sweep, only = self.table, dict(self.sweep), self.only
         settings = self.in_full(settings)
-        if settings.keys() & sweep.keys():  # names change, so that `only` would select none
+        excluded = {dotted: _excluded_by(dotted) for dotted in settings}
+        # The names of members change, so that `only` would select none.
+        if sweep.keys() & {*settings, *excluded.values()}:
             sweep, only = self._swept_by_members(), "*"
         for dotted, value in settings.items():
-            owner, _, leaf = dotted.rpartition(".")
-            other = f"{owner}.{_OTHER_OF_PAIR[leaf]}" if leaf in _OTHER_OF_PAIR else ""
+            other = excluded[dotted]
             if other and other not in settings:
                 table = _without(table, other)
                 sweep.pop(other, None)
@@ -189,6 +190,12 @@ class Entry:
     def held(self, dotted: str) -> object:
         """Return the value of a dotted key, the list of values of a swept key, or None."""
         return self.sweep.get(dotted, value_at(self.table, dotted))
+
+
+def _excluded_by(dotted: str) -> str:
+    """Return the dotted key that a dotted key excludes; empty if it excludes none."""
+    owner, _, leaf = dotted.rpartition(".")
+    return f"{owner}.{_OTHER_OF_PAIR[leaf]}" if leaf in _OTHER_OF_PAIR else ""
 
 
 def catalogue_directory() -> Path:

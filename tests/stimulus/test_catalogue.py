@@ -135,6 +135,12 @@ def test_a_changed_member_keeps_its_other_values() -> None:
     assert changed.name == member.replace("sky", "room")
     part = stimulus.load_all("staged/collision/background-sky*", {"thing.course.speed_m_s": 5})
     assert [each.scene.background for each in part] == ["sky"] * 6
+    # A key that excludes a swept key leaves one stimulus.
+    (loom,) = stimulus.find("klapoetke2017/loom")
+    sweep = {"display.pixels_per_degree": [4, 5]}
+    entry = dataclasses.replace(loom, sweep=sweep, only="*/pixels-per-degree-4")
+    (wide,) = entry.with_settings({"display.field_of_view_deg": 40}).protocols()
+    assert (wide.name, wide.display.field_of_view_deg) == ("klapoetke2017/loom", 40)
 
 
 def test_members_of_a_file_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
