@@ -10,7 +10,7 @@ from math import acos, cos, degrees, exp, hypot, pi, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.signal import convolve2d
+from scipy.ndimage import convolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -52,8 +52,7 @@ def mask(phi: float) -> Callable[[int, int], float]:
 
 
 def same(image: Array, weights: Array) -> Array:
-    radius = len(weights) // 2
-    return np.asarray(convolve2d(image, weights, mode="full")[radius:-radius, radius:-radius])
+    return np.asarray(convolve(image, weights, mode="constant"))  # 0 outside
 
 
 def photoreceptors(luma: Sequence[Array]) -> list[Array]:

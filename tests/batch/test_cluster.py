@@ -67,6 +67,13 @@ def scheduler(folder: Path) -> Iterator[Path]:
         yield file
 
 
+@pytest.fixture(scope="module")
+def shared_scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """For tests that take their workers away with them."""
+    with scheduler(tmp_path_factory.mktemp("scheduler")) as file:
+        yield file
+
+
 def worker(file: Path, folder: Path, path: Path | None = None) -> Any:
     words = ("--scheduler-file", file, *LOOPBACK, "--nthreads", "1", "--no-nanny")
     return process("dask_worker", *words, "--local-directory", folder, path=path)
@@ -82,16 +89,17 @@ def ten(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_worker_that_is_killed_costs_no_result(ten: Path, tmp_path: Path) -> None:
+def test_a_worker_that_is_killed_costs_no_result(
+    ten: Path, shared_scheduler: Path, tmp_path: Path
+) -> None:
     """With a detector of the user's own, which the workers load when they get a task."""
     alone, out, own = tmp_path / "alone", tmp_path / "out", tmp_path / "own.py"
     own.write_text(DETECTOR)
     named = ("--load", own, "run", ten, "--model", "opplod,darkening", *FAST, "-o")
     assert oppload(*named, alone).returncode == 4
     with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
-        workers = [stack.enter_context(worker(file, tmp_path)) for _ in range(2)]
-        words = [str(word) for word in (*named, out, "--scheduler", file)]
+        workers = [stack.enter_context(worker(shared_scheduler, tmp_path)) for _ in range(2)]
+        words = [str(word) for word in (*named, out, "--scheduler", shared_scheduler)]
         run = subprocess.Popen(
             [sys.executable, "-m", "oppload_cli", *words], stderr=subprocess.PIPE, text=True
         )
@@ -211,16 +219,14 @@ def test_a_scheduler_that_ends_under_way(tmp_path: Path, how: str) -> None:
     ],
 )
 def test_a_worker_with_another_version_or_none(
-    ten: Path, tmp_path: Path, content: str, sentence: str
+    ten: Path, shared_scheduler: Path, tmp_path: Path, content: str, sentence: str
 ) -> None:
     package = tmp_path / "other" / "oppload_cli"
     package.mkdir(parents=True)
     (package / "__init__.py").touch()
     (package / "version.py").write_text(content)
-    with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
-        stack.enter_context(worker(file, tmp_path, path=package.parent))
-        done = oppload("run", ten, "-o", tmp_path / "out", "--scheduler", file)
+    with worker(shared_scheduler, tmp_path, path=package.parent):
+        done = oppload("run", ten, "-o", tmp_path / "out", "--scheduler", shared_scheduler)
     assert done.returncode == 2
     assert done.stderr.startswith("oppload: worker tcp://127.0.0.1:")
     assert sentence in done.stderr

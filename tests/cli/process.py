@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Sequence
 
 ENTRY = "from oppload_cli.__main__ import entry; entry()"  # the code of the installed script
 
@@ -25,3 +28,56 @@ def oppload(
         timeout=120,
         env={**os.environ, **environment},
     )
+
+
+# Loads the libraries once, then forks a process for each command.
+IN_TURN = """
+import json, os, subprocess, sys
+from pathlib import Path
+from oppload_cli.__main__ import entry
+
+forks = sys.platform == "linux"  # elsewhere a copy of a process with these libraries may fail
+if forks:
+    import av, cv2, numpy, oppload_cli.cli.running
+
+def code_of(words):
+    if not forks:
+        return subprocess.call([sys.executable, "-m", "oppload_cli", *words])
+    child = os.fork()
+    if not child:
+        sys.argv[1:] = words
+        entry()
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+codes = [code_of(words) for words in json.loads(sys.argv[2])]
+Path(sys.argv[1]).write_text(json.dumps(codes))
+"""
+
+
+class InTurn(NamedTuple):
+    """The exit codes of several commands, and what they all printed."""
+
+    returncodes: list[int]
+    stderr: str
+
+
+def in_turn(
+    *commands: Sequence[str | Path], prefix: Sequence[str] = (), stdout: Any = subprocess.DEVNULL
+) -> InTurn:
+    """Run commands one after the other, each in a process with the streams of the first.
+
+    The prefix is a program that starts the first process, such as a shell that closes its streams.
+    """
+    listed = json.dumps([[str(word) for word in words] for words in commands])
+    with TemporaryDirectory() as folder:
+        codes = Path(folder) / "codes.json"
+        done = subprocess.run(
+            [*prefix, sys.executable, "-c", IN_TURN, str(codes), listed],
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=120,
+            env={"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "SILENT", **os.environ},
+        )
+        return InTurn(json.loads(codes.read_text()) if codes.exists() else [], done.stderr)

@@ -120,24 +120,14 @@ def test_a_folder_that_cannot_be_written(clip: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
-@pytest.mark.parametrize("command", [("run", "{clip}", "-o", "-", "-q"), ("models",)])
-def test_a_reader_that_goes_is_no_bug(clip: Path, command: tuple[str, ...]) -> None:
-    import subprocess
-
+def test_a_reader_that_goes_is_no_bug(clip: Path) -> None:
     read, write = os.pipe()
     os.close(read)
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", "oppload_cli", *(part.format(clip=clip) for part in command)],
-            stdout=write,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-            timeout=60,
-        )
+        done = process.in_turn(("run", clip, "-o", "-", "-q"), ("models",), stdout=write)
     finally:
         os.close(write)
-    assert (done.returncode, done.stderr) == (130, "")
+    assert done == ([130, 130], "")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
@@ -163,59 +153,41 @@ def test_messages_that_nobody_reads_stop_no_work(
     assert list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("command", [("run", "{clip}", "-o", "-"), ("models",), ("config",)])
-def test_a_disk_that_is_full(clip: Path, command: tuple[str, ...]) -> None:
+def test_a_disk_that_is_full(clip: Path) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
-    import subprocess
-
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "oppload_cli", *(part.format(clip=clip) for part in command)],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-            timeout=60,
-        )
-    assert done.returncode == 2
-    assert "no space left on device" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+        done = process.in_turn(("run", clip, "-o", "-"), ("models",), ("config",), stdout=full)
+    assert done.returncodes == [2, 2, 2]
+    lines = done.stderr.splitlines()
+    assert ["no space left on device" in line for line in lines] == [True, True, True]
+
+
+CLOSED = ("sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh")  # closes the standard streams
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX shell")
-@pytest.mark.parametrize(
-    ("words", "code"),
-    [
-        ('run "$CLIP" -o "$FOLDER"', 0),
-        ('run "$CLIP" "$CLIP" -o "$FOLDER" -j 1', 0),
-        ('run "$CLIP" -o -', 2),
-        ("run missing.mp4", 3),
-        ("run --files-from -", 2),
-        pytest.param(
-            'tune klapoetke2017/bar-expand-10 --over speed=40 -o "$FOLDER" -j 1',
-            0,
-            marks=pytest.mark.slow,
-        ),
-        ('stimuli generate controls/appearing-disk -o "$FOLDER"', 0),
-    ],
-)
-def test_closed_standard_streams_are_no_bug(
-    clip: Path, tmp_path: Path, words: str, code: int
-) -> None:
-    import subprocess
-
-    done = subprocess.run(  # noqa: S602 - a shell closes streams
-        f'"{sys.executable}" -m oppload_cli {words} <&- >&- 2>&-',
-        shell=True,
-        env={**os.environ, "CLIP": str(clip), "FOLDER": str(tmp_path)},
-        check=False,
-        timeout=60,
-    )
-    assert done.returncode == code
+def test_closed_standard_streams_are_no_bug(clip: Path, tmp_path: Path) -> None:
+    codes = {
+        ("run", clip, "-o", tmp_path / "one"): 0,
+        ("run", clip, clip, "-o", tmp_path / "two", "-j", "1"): 0,
+        ("run", clip, "-o", "-"): 2,
+        ("run", "missing.mp4"): 3,
+        ("run", "--files-from", "-"): 2,
+        ("stimuli", "generate", "controls/appearing-disk", "-o", tmp_path): 0,
+    }
+    assert process.in_turn(*codes, prefix=CLOSED).returncodes == list(codes.values())
 
 
-def test_debugging_shows_the_traceback() -> None:
-    done = process.oppload("run", "missing.mp4", OPPLOAD_DEBUG="1")
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX shell")
+def test_closed_standard_streams_are_no_bug_of_a_tuning(tmp_path: Path) -> None:
+    words = ("tune", "klapoetke2017/bar-expand-10", "--over", "speed=40", "-o", tmp_path)
+    assert process.in_turn((*words, "-j", "1"), prefix=CLOSED).returncodes == [0]
+
+
+def test_debugging_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPPLOAD_DEBUG", "1")
+    done = oppload("run", "missing.mp4")
     assert done.returncode == 3
     assert "Traceback" in done.stderr

@@ -58,8 +58,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     sys.modules.pop("loaded_own", None)
 
 
-def test_a_loaded_detector_runs_also_in_other_processes(tmp_path: Path) -> None:
-    (tmp_path / "own.py").write_text(DETECTOR)
+def test_a_loaded_detector_runs_also_in_other_processes(own: Path, tmp_path: Path) -> None:
     frames = grey_frames(9)
     for name in ("a.avi", "b.avi"):
         write_video(tmp_path / name, frames)
@@ -73,14 +72,15 @@ def test_a_loaded_detector_runs_also_in_other_processes(tmp_path: Path) -> None:
         assert [round(each, 6) for each in found] == [round(each, 6) for each in shares]
         sidecar = json.loads((tmp_path / "out" / f"{stem}.oppload.json").read_text())
         checksum = hashlib.sha256(DETECTOR.encode()).hexdigest()
-        assert sidecar["loaded"] == [{"name": str(tmp_path / "own.py"), "sha256": checksum}]
+        assert sidecar["loaded"] == [{"name": str(own), "sha256": checksum}]
     again = shlex.split(done.stderr.strip().splitlines()[-1])
     assert again[:4] == ["oppload", "--load", "own.py", "run"]
     result = tmp_path / "out" / "a.frames.csv"
-    refused = oppload("plot", result)
+    refused = inside.oppload("plot", result)
     assert refused.returncode == 2
     assert "its detector 'darkening' is not known here; load it, as in" in refused.stderr
-    assert oppload("plot", result, OPPLOAD_LOAD=str(tmp_path / "own.py")).returncode == 0
+    registry.load(str(own))
+    assert inside.oppload("plot", result).returncode == 0
 
 
 def test_a_detector_without_a_floor_is_told_once(own: Path, tmp_path: Path) -> None:

@@ -17,10 +17,11 @@ import pytest
 from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile
 from tests.cli.inside import Done, oppload, run
+from tests.cli.process import InTurn, in_turn
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 
 @pytest.fixture(scope="module")
@@ -62,18 +63,19 @@ def test_a_disk_that_fills_up(clip: Path, tmp_path: Path) -> None:
         assert sorted(path.name for path in folder.iterdir()) == names
 
 
-def test_a_disk_that_an_annotated_video_fills(clip: Path, tmp_path: Path) -> None:
+# While the video is written, and while it may be finished.
+@pytest.mark.parametrize("size", ["100k", pytest.param("400k", marks=pytest.mark.slow)])
+def test_a_disk_that_an_annotated_video_fills(tmp_path: Path, size: str) -> None:
     frames = grey_frames(60) * 4
     film = write_video(tmp_path / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
-    for size in ("100k", "400k"):  # while it is written, and while it may be finished
-        with mounted(tmp_path / size, f"size={size}") as folder:
-            done = oppload("run", film, "-o", folder, "--height", "60", "--annotate", "--no-rmo")
-            assert (done.returncode, done.stderr.strip().count("\n")) == (2, 0), done.stderr
-            # The system decides which of the files is written when the disk is full.
-            full = r"film\.(annotated\.mp4|detections\.jsonl|frames\.csv): cannot be written"
-            assert re.search(full, done.stderr), done.stderr
-            names = ["film.detections.jsonl.part", "film.frames.csv.part"]
-            assert sorted(path.name for path in folder.iterdir()) == names
+    with mounted(tmp_path / size, f"size={size}") as folder:
+        done = oppload("run", film, "-o", folder, "--height", "60", "--annotate", "--no-rmo")
+        assert (done.returncode, done.stderr.strip().count("\n")) == (2, 0), done.stderr
+        # The system decides which of the files is written when the disk is full.
+        full = r"film\.(annotated\.mp4|detections\.jsonl|frames\.csv): cannot be written"
+        assert re.search(full, done.stderr), done.stderr
+        names = ["film.detections.jsonl.part", "film.frames.csv.part"]
+        assert sorted(path.name for path in folder.iterdir()) == names
 
 
 def test_a_disk_that_is_full_from_the_start_or_for_the_sidecar(clip: Path, tmp_path: Path) -> None:
@@ -96,7 +98,7 @@ def test_a_disk_that_is_full_from_the_start_or_for_the_sidecar(clip: Path, tmp_p
 WRITERS = {
     "run": ("run", "{clip}", "-o", "{place}"),
     "run --annotate": ("run", "{clip}", "-o", "{place}", "--annotate"),
-    "run, a batch": ("run", "{clip}", "{copy}", "-o", "{place}"),
+    "run, a batch": ("run", "{clip}", "{copy}", "-o", "{place}", "-j", "1"),
     "collect csv": ("collect", "{results}", "-o", "{place}/all.csv"),
     "collect parquet": ("collect", "{results}", "-o", "{place}/all.parquet"),
     "plot png": ("plot", "{table}", "-o", "{place}/a.png"),
@@ -178,23 +180,28 @@ def test_every_command_says_in_one_sentence_that_it_cannot_write(
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.fixture(scope="module")
+def read_only(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    with mounted(tmp_path_factory.mktemp("disk") / "fixed", "ro") as folder:
+        yield folder
+
+
 @pytest.mark.parametrize("command", WRITERS.values(), ids=WRITERS)
 def test_every_command_on_a_read_only_disk(
     command: tuple[str, ...],
     words: dict[str, Path],
-    tmp_path: Path,
+    read_only: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     if "{place}/all.parquet" in command:
         pytest.importorskip("pyarrow", reason="NOT TESTED: pip install 'oppload[parquet]'")
-    with mounted(tmp_path / "fixed", "ro") as folder:
-        named = [word.format(place=folder, **words) for word in command]
-        if command[1] != "{clip}" or command[2] == "-o":
-            one_sentence(run(capsys, *named), ": cannot be written (read-only file system)")
-            return
-        done = run(capsys, *named)  # each input says so, and failures.csv
-        assert (done.returncode, "bug" in done.stderr) == (2, False)
-        assert done.stderr.count("cannot be written (read-only file system)") == 3
+    named = [word.format(place=read_only, **words) for word in command]
+    if command[1] != "{clip}" or command[2] == "-o":
+        one_sentence(run(capsys, *named), ": cannot be written (read-only file system)")
+        return
+    done = run(capsys, *named)  # each input says so, and failures.csv
+    assert (done.returncode, "bug" in done.stderr) == (2, False)
+    assert done.stderr.count("cannot be written (read-only file system)") == 3
 
 
 def test_a_plot_beside_its_result_on_a_read_only_disk(
@@ -257,18 +264,13 @@ def test_a_folder_in_the_place_of_a_result(
     assert [path.name for path in tmp_path.iterdir()] == ["clip.frames.csv"]
 
 
-def without_privilege(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run the command without the right of root to read and write all files."""
+def without_privilege(*commands: Sequence[str | Path]) -> InTurn:
+    """Run commands without the right of root to read and write all files."""
     rights = "-dac_override,-dac_read_search"
     drop = ["setpriv", "--bounding-set", rights, "--"] if os.geteuid() == 0 else []
     if drop and not shutil.which("setpriv"):
         pytest.skip("NOT TESTED: root may read everything, and there is no setpriv")
-    return subprocess.run(
-        [*drop, sys.executable, "-m", "oppload_cli", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return in_turn(*commands, prefix=drop)
 
 
 def test_files_without_permission(clip: Path, tmp_path: Path) -> None:
@@ -277,18 +279,20 @@ def test_files_without_permission(clip: Path, tmp_path: Path) -> None:
     secret.chmod(0)
     closed.mkdir(mode=0)
     names = [secret, closed / "a.avi", closed / "a_%d.png", closed]
-    done = without_privilege("run", *names, "-o", out)
-    assert done.returncode == 3, done.stderr
-    assert done.stderr.count("permission denied") == len(names)
-    assert [path.name for path in out.iterdir()] == ["failures.csv"]
-    mixed = without_privilege("run", closed, clip, "-o", out)
-    assert mixed.returncode == 4, mixed.stderr
-    done = without_privilege("run", clip, "-o", closed)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "permission denied" in done.stderr
-    done = without_privilege("run", clip, "-o", closed / "a.csv")
-    assert (done.returncode, "is the name of a file" in done.stderr) == (2, True)
+    done = without_privilege(
+        ("run", *names, "-o", out, "-j", "1"),
+        ("run", closed, clip, "-o", tmp_path / "mixed", "-j", "1"),
+        ("run", clip, "-o", closed),
+        ("run", clip, "-o", closed / "a.csv"),
+    )
     closed.chmod(0o700)
+    assert done.returncodes == [3, 4, 2, 2], done.stderr
+    denied = [line for line in done.stderr.splitlines() if "permission denied" in line]
+    assert len(denied) == len(names) + 1 + 1
+    assert f"oppload: {closed}{os.sep}clip.frames.csv: cannot be written" in denied[-1]
+    assert "is the name of a file" in done.stderr.splitlines()[-1]
+    assert [path.name for path in out.iterdir()] == ["failures.csv"]
+    assert not list(closed.iterdir())
 
 
 NAMES = [

@@ -84,7 +84,7 @@ def test_the_written_rows_are_a_valid_prefix(
 ) -> None:
     with started(film, tmp_path) as run:
         part = rows_written(tmp_path, run)
-        time.sleep(0.3)
+        time.sleep(0.05)
         run.send_signal(getattr(signal, name))
         said = run.communicate(timeout=HANG_S)[1]
     assert part.exists(), (run.returncode, said)
@@ -117,7 +117,7 @@ cv2.VideoCapture = Camera
 """
 
 
-@pytest.mark.parametrize("more", [(), ("--annotate",)])
+@pytest.mark.parametrize("more", [pytest.param((), marks=pytest.mark.slow), ("--annotate",)])
 def test_a_camera_ends_with_finished_files_where_it_is_stopped(
     tmp_path: Path, more: tuple[str, ...]
 ) -> None:

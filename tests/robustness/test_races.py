@@ -46,7 +46,7 @@ COMMANDS = {
 }
 
 
-SLOW = {"stimuli png", "tune"}  # others write a folder, and work in processes, as they do
+SLOW = {"collect", "stimuli png", "tune"}  # they hold a name as the others do
 
 
 @pytest.mark.parametrize(
@@ -65,11 +65,11 @@ def test_parallel_runs(command: tuple[str, ...], results: Path, tmp_path: Path) 
             stderr=subprocess.PIPE,
             text=True,
         )
-        for _ in range(3)
+        for _ in range(2)
     ]
     said = [run.communicate(timeout=120)[1] for run in runs]
     codes = [run.returncode for run in runs]
-    assert sorted(codes) == [0, 2, 2], said
+    assert sorted(codes) == [0, 2], said
     for code, each in zip(codes, said, strict=True):
         if code:
             assert "exists already" in each or "another run is writing it" in each

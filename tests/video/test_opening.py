@@ -26,7 +26,7 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.video import opening
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.opening import Opening
-from tests.cli.process import ENTRY, oppload
+from tests.cli.process import ENTRY, in_turn
 from tests.media import grey_frames, write_video
 from tests.robustness.inputs import KINDS, make
 from tests.video.test_container import MATRICES, turned
@@ -245,32 +245,33 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_video(folder / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
 
 
-@pytest.mark.parametrize(
-    ("options", "content"),
-    [
+def test_the_height_is_known_before_the_settings_are_resolved(film: Path, tmp_path: Path) -> None:
+    cases: list[tuple[dict[str, str], str]] = [
         ({}, ""),
-        pytest.param({"preset": "paper"}, "", marks=pytest.mark.slow),
+        ({"preset": "paper"}, ""),
         ({}, 'preset = "paper"\n'),
-        pytest.param({"preset": "reference"}, "height = 50\n", marks=pytest.mark.slow),
+        ({"preset": "reference"}, "height = 50\n"),
         ({"height": "30"}, "height = 50\n"),
-        pytest.param(
-            {"height": "native"}, 'preset = "paper"\nheight = 50\n', marks=pytest.mark.slow
-        ),
+        ({"height": "native"}, 'preset = "paper"\nheight = 50\n'),
         ({}, 'height = "native"\n'),
-    ],
-)
-def test_the_height_is_known_before_the_settings_are_resolved(
-    options: dict[str, str], content: str, film: Path, tmp_path: Path
-) -> None:
-    config = tmp_path / "a.toml"
-    config.write_text(content)
-    words = [word for name, value in options.items() for word in (f"--{name}", value)]
-    done = oppload("run", film, "-o", tmp_path, "--end", "f2", "--config", config, *words)
-    assert done.returncode == 0
-    sidecar = json.loads((tmp_path / "film.oppload.json").read_text())
-    settings = resolve(preset=options.get("preset"), config=config, height=options.get("height"))
-    assert sidecar["working"]["height"] == (settings.height or 64)
-    assert sidecar["threads"]["decoder_apart"] == (len(os.sched_getaffinity(0)) > 1)
+    ]
+    commands: list[tuple[str | Path, ...]] = []
+    heights = []
+    for number, (options, content) in enumerate(cases):
+        out, config = tmp_path / str(number), tmp_path / f"{number}.toml"
+        config.write_text(content)
+        words = [word for name, value in options.items() for word in (f"--{name}", value)]
+        commands.append(("run", film, "-o", out, "--end", "f2", "--config", config, *words))
+        settings = resolve(
+            preset=options.get("preset"), config=config, height=options.get("height")
+        )
+        heights.append(settings.height or 64)
+    assert in_turn(*commands).returncodes == [0] * len(cases)
+    paths = [tmp_path / str(number) / "film.oppload.json" for number in range(len(cases))]
+    sidecars = [json.loads(path.read_text()) for path in paths]
+    assert [sidecar["working"]["height"] for sidecar in sidecars] == heights
+    apart = len(os.sched_getaffinity(0)) > 1
+    assert {sidecar["threads"]["decoder_apart"] for sidecar in sidecars} == {apart}
 
 
 @pytest.mark.skipif(
@@ -280,7 +281,7 @@ def test_the_height_is_known_before_the_settings_are_resolved(
 @pytest.mark.parametrize("name", ["SIGSEGV", "SIGKILL"])
 def test_a_run_whose_decoder_ends(film: Path, tmp_path: Path, name: str) -> None:
     with subprocess.Popen(
-        [sys.executable, "-c", ENTRY, "run", str(film), "-o", str(tmp_path)],
+        [sys.executable, "-c", ENTRY, "run", str(film), "-o", str(tmp_path), "--height", "24"],
         stderr=subprocess.PIPE,
         text=True,
     ) as run:
