@@ -21,9 +21,16 @@ SAID = {
     "unit_positions": "paper: 5 x 5 units",
 }
 FIGURES = {"own_axes": "own-axes.png", "two_presets": "two-presets.png"}
+SLOW = {"response_over_l_over_v", "two_presets"}  # the others, too, run a stimulus and draw
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem in SLOW else [])
+        for path in EXAMPLES
+    ],
+)
 def test_a_script_runs(
     path: Path,
     tmp_path: Path,

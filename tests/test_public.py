@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import doctest
+import functools
 import inspect
 import subprocess
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import oppload_cli
 from oppload_cli import stimulus
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 NAMES = [name for name in oppload_cli.__all__ if name not in {"__version__", "PRESETS"}]
 
@@ -27,6 +31,24 @@ def failures_of(tests: list[doctest.DocTest]) -> str:
     for test in tests:
         runner.run(test, out=said.append)
     return "".join(said)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _common_run_once() -> Iterator[None]:
+    """Compute once the run with which many examples begin."""
+    run, common = oppload_cli.run, ("controls/looming-perspective", {"rmo": False})
+    results: list[Any] = []
+
+    def run_once(source: Any, *more: Any, **named: Any) -> Any:
+        if more or not isinstance(source, str) or (source, named) != common:
+            return run(source, *more, **named)
+        if not results:
+            results.append(run(source, **named))
+        return results[0]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(oppload_cli, "run", functools.wraps(run)(run_once))
+        yield
 
 
 @pytest.mark.parametrize("name", ["oppload_cli", *NAMES])

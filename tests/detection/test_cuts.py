@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -124,8 +124,20 @@ SCENES = {
 }
 
 
+LONGER = {  # each has a shorter scene of its kind
+    "a bright flash of two frames",
+    "a dark flash of two frames",
+    "every frame three times",
+}
+
+
+def case(scene: str, *more: str) -> Any:
+    """A scene as a case of a test, which is slow if another case is like it."""
+    return pytest.param(scene, *more, marks=[pytest.mark.slow] if scene in LONGER else [])
+
+
 @pytest.mark.parametrize("preset", PRESETS)
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", [case(name) for name in SCENES])
 def test_no_alarm(scene: str, preset: str) -> None:
     assert alarms(Film(SCENES[scene]), preset) == []
 
@@ -134,9 +146,9 @@ def test_no_alarm(scene: str, preset: str) -> None:
     ("scene", "preset"),
     [
         # Preset default leaves out a bright flash by itself, as a change of the light.
-        *((name, preset) for name in SCENES if "dark flash" in name for preset in PRESETS),
-        *((name, "reference") for name in SCENES if "bright flash" in name),
-        *(("a step of luminance", preset) for preset in PRESETS),
+        *(case(name, preset) for name in SCENES if "dark flash" in name for preset in PRESETS),
+        *(case(name, "reference") for name in SCENES if "bright flash" in name),
+        *(case("a step of luminance", preset) for preset in PRESETS),
     ],
 )
 def test_there_would_be_one_without_blind_frames(scene: str, preset: str) -> None:
@@ -153,7 +165,14 @@ def test_out_of_rest_no_alarm_before_the_models_have_a_memory(preset: str) -> No
     assert not first & set(alarms(moving, preset))
 
 
-@pytest.mark.parametrize(("speed", "sigma"), [(5, 12), (8, 6), (8, 18), (12, 12)])
+@pytest.mark.parametrize(
+    ("speed", "sigma"),
+    [
+        (5, 12),
+        (8, 6),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in ((8, 18), (12, 12))),
+    ],
+)
 def test_a_pan_that_begins_at_once_gives_no_alarm(speed: int, sigma: int) -> None:
     """The adaptation has a background when the blind frames end."""
     for seed in (2, 4):
@@ -207,7 +226,8 @@ def test_light_that_flickers_hides_an_approach_from_what_does_not_leave_it_out()
     for share in (0.0, 0.02, 0.1):
         light = 1 + share * np.cos(2 * np.pi * 100 * np.arange(len(lumas)) / 30)
         shown = lumas * light[:, None, None].astype(np.float32) / (1 + share)
-        for preset, names in ("default", ("opplod", "dlgmd")), ("reference", ("opplod",)):
+        both = ("default", ("opplod", "dlgmd")), ("reference", ("opplod",))
+        for preset, names in both[:1] if share == 0.02 else both:
             models = [parameters_of(name, preset) for name in names]
             records = list(analyse(shown, models, rate=30, rmo=False))
             for name in names:

@@ -211,13 +211,15 @@ def test_kinds_of_clips(name: str, kind: str) -> None:
 
 
 def test_the_users_own_videos_take_the_place_of_the_backgrounds() -> None:
-    entries = clips_of(["staged/*"], None, ["a.mp4", "b.mp4"], CHANGES[:2]).entries
+    # Those with a camera that moves, or with a cut between two backgrounds, are left out.
+    patterns = [f"staged/{name}" for name in ("braking", "flash", "cut", "collision-pan")]
+    entries = clips_of(patterns, None, ["a.mp4", "b.mp4"], CHANGES[:2]).entries
     made = [each.path for each in entries if isinstance(each.path, stimulus.Protocol)]
     assert {protocol.scene.background for protocol in made} == {"a.mp4", "b.mp4"}
     assert {protocol.scene.background_fit for protocol in made} == {"cover"}
     assert not any(protocol.camera and protocol.camera.moves for protocol in made)
     assert not any(protocol.scene.cut_s for protocol in made)
-    assert len(made) == 2 * 68
+    assert len(made) == 2 * 4
     with pytest.raises(StimulusError, match="--background: none of staged/pan has a background"):
         clips_of(["staged/pan"], None, ["a.mp4"], [])
 

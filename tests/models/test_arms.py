@@ -98,6 +98,7 @@ def test_its_parameters() -> None:
         PARAMS.replaced(axes=45)
 
 
+@pytest.mark.once
 def test_the_calcium_signal_has_a_column_of_its_own() -> None:
     names = {
         preset: [column.name for column in columns_for(["opplod"], rmo=False, presets=(preset,))]

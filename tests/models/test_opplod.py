@@ -356,6 +356,7 @@ def test_text_of_the_wrong_kind() -> None:
         REFERENCE.parsed("cell", "wide")
 
 
+@pytest.mark.once
 def test_motion_that_history_leaves_out_counts_as_background() -> None:
     """A disk grows from the first frame on, another one from the seventh."""
     frames = [

@@ -140,6 +140,7 @@ def test_a_row_of_units_spans_the_room() -> None:
 # ---- The judgement over one video ----------------------------------------------------------
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("axes", [0, 45])
 def test_the_winning_unit_is_the_best_one_of_the_maps(axes: int) -> None:
     model = Opplod((240, 240), REFERENCE.replaced(axes=axes, gain=2.0))

@@ -75,7 +75,7 @@ def assert_equal(found: list[Any], expected: Iterator[dict[str, float]]) -> None
         assert got == pytest.approx(values, rel=1e-4, abs=1e-6 * np.abs(values).max()), name
 
 
-@pytest.mark.parametrize("kind", ["dark", "bright", "flash"])
+@pytest.mark.parametrize("kind", ["dark", pytest.param("bright", marks=pytest.mark.slow), "flash"])
 @pytest.mark.parametrize("name", NAMES)
 def test_every_value_is_that_of_the_literal_version(name: str, kind: str) -> None:
     frames = scene(kind)

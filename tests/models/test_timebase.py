@@ -228,7 +228,9 @@ def peak_of_the_default(rate: int, l_over_v_ms: int) -> float:
 
 
 @pytest.mark.parametrize("l_over_v_ms", [40, 80])
-@pytest.mark.parametrize("rate", [10, 12, 15, 24])
+@pytest.mark.parametrize(
+    "rate", [10, *(pytest.param(each, marks=pytest.mark.slow) for each in (12, 15)), 24]
+)
 def test_few_frames_per_second_keep_half_of_the_peak(rate: int, l_over_v_ms: int) -> None:
     share = peak_of_the_default(rate, l_over_v_ms) / peak_of_the_default(30, l_over_v_ms)
     assert 0.55 <= share <= 1.3
@@ -389,7 +391,9 @@ def test_a_pause_before_changes_nothing() -> None:
     assert max(paused[:3]) < 1e-4 * max(without)
 
 
-@pytest.mark.parametrize("rate", [25, 30, 36, 50, 100, 120])
+@pytest.mark.parametrize(
+    "rate", [25, 36, *(pytest.param(each, marks=pytest.mark.slow) for each in (30, 50, 100)), 120]
+)
 def test_a_pause_before_changes_nothing_under_the_default(rate: int) -> None:
     """A disk that grows from the first frame on has its peak where the adaptation begins."""
     moving = [disk(240, 120, 120, 2 + 48 * t / rate) for t in range(round(0.8 * rate))]

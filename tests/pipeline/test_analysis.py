@@ -115,7 +115,7 @@ def test_a_near_repeat_holds_the_object_and_counts_its_time_down(tmp_path: Path)
     assert held >= 8
 
 
-@pytest.mark.parametrize("pictures", [12, 20, 24])
+@pytest.mark.parametrize("pictures", [12, pytest.param(20, marks=pytest.mark.slow), 24])
 def test_the_time_to_contact_goes_by_the_times_at_which_pictures_were_taken(pictures: int) -> None:
     """So many pictures per second in 30 frames/s last for one, two or three frames."""
     grain = np.random.default_rng(1).normal(0, 0.002, (90, 240, 240))
@@ -301,8 +301,13 @@ def undisturbed() -> list[FrameRecord]:
     return [analysis.step(*each) for each in zip(approach(), TIMES, strict=True)]
 
 
-@pytest.mark.parametrize("frame", [10, 18])
-@pytest.mark.parametrize("late_s", [0.08, 5.0, -3.0])
+@pytest.mark.parametrize(
+    ("frame", "late_s"),
+    [
+        *((18, late_s) for late_s in (0.08, 5.0, -3.0)),
+        *(pytest.param(10, late_s, marks=pytest.mark.slow) for late_s in (0.08, 5.0, -3.0)),
+    ],
+)
 def test_one_wrong_time_costs_neither_alarm_nor_time_to_contact(
     frame: int, late_s: float, undisturbed: list[FrameRecord]
 ) -> None:

@@ -143,7 +143,7 @@ def test_a_picture_is_repeated_for_a_limited_time_at_any_rate(rate: int) -> None
     assert shown == "." + "e" * (rate - 1)
 
 
-@pytest.mark.parametrize("crf", [23, 28, 35])
+@pytest.mark.parametrize("crf", [23, pytest.param(28, marks=pytest.mark.slow), 35])
 @pytest.mark.parametrize(
     ("rate", "pictures", "runs"), [(60, 30, {1}), (30, 12, {1, 2}), (50, 20, {1, 2})]
 )
@@ -174,7 +174,7 @@ def test_real_rest_is_not_taken_for_repeats(tmp_path: Path, crf: int) -> None:
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.01])
-@pytest.mark.parametrize("crf", [0, 28, 35])
+@pytest.mark.parametrize("crf", [0, pytest.param(28, marks=pytest.mark.slow), 35])
 @pytest.mark.parametrize("speed", [0.1, 0.5])
 def test_a_slow_pan_is_not_taken_for_repeats(
     tmp_path: Path, speed: float, crf: int, sigma: float

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli import stimulus
-from tests.cli.process import oppload
+from tests.cli.inside import oppload
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +34,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ):
         protocol = stimulus.load(shown, {"display.width": 120, "display.height": 96})
         stimulus.write(protocol, folder).video.rename(folder / f"{name}.avi")
-    done = oppload("run", str(folder), "-o", str(folder), "--height", "96", "--fov", "90")
+    words = ("--height", "96", "--fov", "90", "-j", "1")
+    done = oppload("run", str(folder), "-o", str(folder), *words)
     assert done.returncode == 0, done.stderr
     return folder
 

@@ -107,7 +107,7 @@ def test_a_name_that_is_too_long(
     """The name comes from the command line, a list or a sidecar."""
     long = "n" * 300
     path = listed(tmp_path / "a.csv", [(long, "x"), (clip, "y")])
-    done = run(capsys, "run", "--files-from", path, "-o", tmp_path / "out", *QUICK)
+    done = run(capsys, "run", "--files-from", path, "-o", tmp_path / "out", *QUICK, "-j", "1")
     assert (done.returncode, "bug" in done.stderr) == (4, False), done.stderr
     assert f"{long}: cannot be read (file name too long)" in done.stderr
     sidecar, table = (tmp_path / "out" / f"y.{each}" for each in ("oppload.json", "frames.csv"))

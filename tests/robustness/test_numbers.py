@@ -48,29 +48,26 @@ def loom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_video(folder / "loom.mp4", frames, codec="libx264", pixel_format="yuv420p")
 
 
-def test_twenty_runs_give_the_same_bytes(loom: Path, tmp_path: Path) -> None:
+def test_runs_with_any_number_of_threads_give_the_same_bytes(loom: Path, tmp_path: Path) -> None:
     threads = cv2.getNumThreads()
     seen = set()
     try:
-        for number in range(20):
-            cv2.setNumThreads((1, 2, 4, 8)[number % 4])
+        for number in (1, 2, 4, 8, 1, 2, 4, 8):
+            cv2.setNumThreads(number)
             seen.add(table(loom, tmp_path / "out"))
     finally:
         cv2.setNumThreads(threads)
     assert len(seen) == 1
 
 
-def test_processes_and_their_threads_give_the_same_bytes(loom: Path, tmp_path: Path) -> None:
-    seen = {table(loom, tmp_path / "out")}
-    for threads in ("1", "3"):
-        done = oppload(
-            *("run", loom, "-o", "-", "-q", "--height", "60"),
-            OPENCV_FOR_THREADS_NUM=threads,
-            OPENBLAS_NUM_THREADS=threads,
-            PYTHONHASHSEED=threads,
-        )
-        seen.add(done.stdout.encode())
-    assert len(seen) == 1
+def test_another_process_gives_the_same_bytes(loom: Path, tmp_path: Path) -> None:
+    done = oppload(
+        *("run", loom, "-o", "-", "-q", "--height", "60"),
+        OPENCV_FOR_THREADS_NUM="3",
+        OPENBLAS_NUM_THREADS="3",
+        PYTHONHASHSEED="3",
+    )
+    assert done.stdout.encode() == table(loom, tmp_path / "out")
 
 
 def stripes(height: int, width: int, period: int) -> NDArray[np.uint8]:
@@ -98,7 +95,9 @@ SCENES: dict[str, Iterable[NDArray[Any]]] = {
 }
 
 
-@pytest.mark.parametrize("height", ["native", "240", "8", "1"])
+@pytest.mark.parametrize(
+    "height", ["native", "240", pytest.param("8", marks=pytest.mark.slow), "1"]
+)
 @pytest.mark.parametrize("scene", SCENES)
 def test_finite_numbers_from_any_pixels(tmp_path: Path, scene: str, height: str) -> None:
     if (scene, height) == ("64 x 1", "240"):

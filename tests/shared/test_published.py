@@ -55,7 +55,14 @@ def answers(name: str, frames: list[Grey], size: str, params: dict[str, Any]) ->
     return [model.step(each.astype(np.float32) / np.float32(255)) for each in small]
 
 
-@pytest.mark.parametrize("series", SERIES, ids=lambda each: f"{each[3] or each[1]}-{each[0]}")
+@pytest.mark.parametrize(
+    "series",
+    [
+        pytest.param(each, marks=[pytest.mark.slow] if each[0] == "native" else [])
+        for each in SERIES
+    ],
+    ids=lambda each: f"{each[3] or each[1]}-{each[0]}",
+)
 def test_every_column_is_the_authors(
     shared: Path, ball: list[Grey], series: tuple[str, str, dict[str, Any], str]
 ) -> None:
@@ -70,7 +77,7 @@ def test_every_column_is_the_authors(
         assert got == pytest.approx(expected, rel=1e-3, abs=1e-7 * scale), column
 
 
-@pytest.mark.parametrize("p", ["0.3", "0.55"])
+@pytest.mark.parametrize("p", ["0.3", pytest.param("0.55", marks=pytest.mark.slow)])
 def test_plgmd_scatters_about_the_authors_means(shared: Path, ball: list[Grey], p: str) -> None:
     rows = rows_of(shared, "q4", "plgmd")
     runs = 20

@@ -98,7 +98,7 @@ def errors_of_entry(name: str) -> tuple[float, float, int]:
     """Return the worst errors of size and centre of one stimulus, and how many were measured."""
     protocols = stimulus.load_all(name)
     protocol = protocols[len(protocols) // 3]
-    return worst_errors(protocol, range(3, protocol.frame_count, 12))
+    return worst_errors(protocol, range(3, protocol.frame_count, 20))
 
 
 @pytest.mark.parametrize("name", PLAIN)
