@@ -100,7 +100,7 @@ def test_frames_keep_their_times(tmp_path: Path) -> None:
     assert seen == [t / 1000 for t in times]
 
 
-@pytest.mark.parametrize("size", [(63, 47), (2, 2), (10, 900), (1000, 10)])
+@pytest.mark.parametrize("size", [(63, 47), (2, 2), (10, 300), (300, 10)])
 def test_odd_sizes(tmp_path: Path, size: tuple[int, int]) -> None:
     source = write_video(tmp_path / "a.mkv", grey_frames(4, width=size[0], height=size[1]))
     annotate(source, tmp_path / "a.annotated.mp4", (0, 0, 5, 5))

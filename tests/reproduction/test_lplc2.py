@@ -127,13 +127,12 @@ def test_a_loom_off_the_centre() -> None:
 
 def test_the_unit_over_a_loom_wins() -> None:
     settings = resolve(preset="lplc2", models=["opplod"])
-    for place in ((0.0, 0.0), (10.6, -10.6)):
-        (protocol,) = load_all("klapoetke2017/loom", {"disk.centre_deg": list(place)})
-        found = present(protocol, settings)["opplod"]
-        at = 180 + 5 * np.array([place[0], -place[1]])
-        off = np.hypot(*(found.centre - at).T) / 5
-        moving = found.response > 0
-        assert np.median(off[moving]) < 6
+    (protocol,) = load_all("klapoetke2017/loom", {"disk.centre_deg": [10.6, -10.6]})
+    found = present(protocol, settings)["opplod"]
+    off = np.hypot(*(found.centre - (180 + 5 * 10.6)).T) / 5
+    moving = found.response > 0
+    assert moving.sum() > 5
+    assert np.median(off[moving]) < 6
 
 
 @pytest.mark.slow

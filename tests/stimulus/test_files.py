@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SHORT = {"timing.motion_s": 0.4}
+SHORT = {"timing.before_s": 0.1, "timing.motion_s": 0.3, "timing.after_s": 0.0}
 READ_BACK = (
     "klapoetke2017/bar-expand-10/axis-75",
     "controls/looming-on-moving-texture/direction-90",
