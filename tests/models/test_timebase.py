@@ -237,7 +237,11 @@ def test_few_frames_per_second_keep_half_of_the_peak(rate: int, l_over_v_ms: int
 
 
 @pytest.mark.parametrize(
-    ("rate", "steps"), [(60, 0.5), (30, 1), (25, 1.2), (24, 1.25), (20, 1.3), (12, 1.3)]
+    ("rate", "steps"),
+    [
+        *((60, 0.5), (24, 1.25), (12, 1.3)),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in ((30, 1), (25, 1.2), (20, 1.3))),
+    ],
 )
 def test_persistence_goes_by_time_down_to_23_frames_per_second(rate: int, steps: float) -> None:
     dropped = 12  # number of the one frame that is dropped; the usual step stays the same

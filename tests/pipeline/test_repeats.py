@@ -192,7 +192,7 @@ def test_a_fade_is_not_taken_for_repeats(tmp_path: Path, seconds: float, crf: in
     assert answers(coded(tmp_path / "a.mp4", frames, 30, crf))[1].near == 0
 
 
-@pytest.mark.parametrize("crf", [0, 28])
+@pytest.mark.parametrize("crf", [pytest.param(0, marks=pytest.mark.slow), 28])
 @pytest.mark.parametrize("sigma", [0.01, 0.05])
 def test_noise_alone_is_not_taken_for_repeats(tmp_path: Path, sigma: float, crf: int) -> None:
     shown = panned([0.0] * 75, sigma)

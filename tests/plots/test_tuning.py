@@ -160,14 +160,18 @@ def test_many_lines_leave_their_panel_room(tmp_path: Path) -> None:
     assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
 
 
-def test_more_than_six_lines_have_a_small_panel_each(tmp_path: Path) -> None:
+# Detectors in a figure: the least that are too many for one panel, and many.
+SEVEN_AND_MANY = pytest.mark.parametrize("count", [7, pytest.param(19, marks=pytest.mark.slow)])
+
+
+@SEVEN_AND_MANY
+def test_more_than_six_lines_have_a_small_panel_each(count: int, tmp_path: Path) -> None:
     values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
-    peaks = {name: [4.0, 2, 1] for name in detectors()}
+    peaks = {name: [4.0, 2, 1] for name in list(detectors())[:count]}
     path = write_tuning(tmp_path / "a.tuning.csv", values, peaks)
     with_sidecar(path, {"doubts": [{"model": name, "note": "12 of 12 peaks"} for name in peaks]})
     figure, panels = plot_tuning(read_tuning(path))
-    assert len(panels) == len(peaks)
-    assert [len(panel.lines) for panel in panels] == [1] * len(peaks)
+    assert [len(panel.lines) for panel in panels] == [1] * count
     figure.draw_without_rendering()
     for panel in panels:
         assert panel.get_window_extent().height / figure.dpi > 0.5  # inches
@@ -353,14 +357,15 @@ def test_the_numbers_of_a_wide_heat_map_do_not_touch(tmp_path: Path) -> None:
     assert not [1 for at, one in enumerate(extents) for two in extents[:at] if one.overlaps(two)]
 
 
+@SEVEN_AND_MANY
 @pytest.mark.filterwarnings("error")  # of a layout that found no room
-def test_heat_maps_of_many_detectors_are_small_and_on_one_scale(tmp_path: Path) -> None:
+def test_heat_maps_of_many_detectors_are_small_and_on_one_scale(count: int, tmp_path: Path) -> None:
     values = {"disk.speed_deg_s": [10.0, 10, 20, 20], "disk.size_deg": [5.0, 9, 5, 9]}
-    peaks_of = {name: [1e-9, 0.5, 4.0, 1e4] for name in list(detectors())[:19]}
+    peaks_of = {name: [1e-9, 0.5, 4.0, 1e4] for name in list(detectors())[:count]}
     tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
     figure, axes = plot_tuning(tuning)
     figure.draw_without_rendering()
-    assert len(axes) == 19
+    assert len(axes) == count
     assert figure.get_figheight() <= MOST_HEIGHT
     assert {(panel.images[0].norm.vmin, panel.images[0].norm.vmax) for panel in axes} == {(1e-4, 1)}
     boxes = [panel.get_window_extent() for panel in axes]
@@ -372,12 +377,13 @@ def test_heat_maps_of_many_detectors_are_small_and_on_one_scale(tmp_path: Path) 
     np.testing.assert_allclose(np.asarray(axes[0].images[0].get_array()).max(), 1)
 
 
-def test_more_than_six_curves_have_a_polar_plot_each(tmp_path: Path) -> None:
+@SEVEN_AND_MANY
+def test_more_than_six_curves_have_a_polar_plot_each(count: int, tmp_path: Path) -> None:
     directions = {"bar.rotation_deg": [float(angle) for angle in range(0, 360, 45)]}
-    peaks_of = {name: [0.5, 1, 0, 1, 1, 1, 1, 1] for name in list(detectors())[:19]}
+    peaks_of = {name: [0.5, 1, 0, 1, 1, 1, 1, 1] for name in list(detectors())[:count]}
     tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", directions, peaks_of))
     figure, axes = plot_tuning(tuning, lplc2="none")
-    assert len(axes) == 19
+    assert len(axes) == count
     figure.draw_without_rendering()
     assert figure.get_figheight() <= MOST_HEIGHT
     extents = [panel.get_tightbbox() for panel in axes]

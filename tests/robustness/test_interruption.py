@@ -35,7 +35,7 @@ HANG_S = 120  # no run may outlive a signal by this
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A video that is longer than any test waits."""
     folder = tmp_path_factory.mktemp("film")
-    frames = grey_frames(60, width=96, height=64) * 75
+    frames = grey_frames(60, width=96, height=64) * 45
     return write_video(folder / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
 
 
