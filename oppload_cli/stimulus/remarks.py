@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.protocol import Protocol
 
 
-_LATE = "after the end of the motion, and has no effect; correct it, or make the motion longer"
+_LATE = "after the end of the motion and is never reached; correct it, or make the motion longer"
 
 
 def remarks_on(protocol: Protocol) -> list[str]:
