@@ -218,6 +218,7 @@ def test_lost_frames_in_noise_are_no_cut(lost: int) -> None:
     assert not any(cuts.step(*changed(0.011, 1.0), after + t / 30) for t in range(1, 5))
 
 
+@pytest.mark.slow
 def test_light_that_flickers_hides_an_approach_from_what_does_not_leave_it_out() -> None:
     """P is the change of luminance: lamps at 100 Hz before 30 frames/s change all of it."""
     with open_source("controls/looming-perspective", height=240) as frames:

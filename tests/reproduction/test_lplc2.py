@@ -119,6 +119,7 @@ def off_centre(
     return [peak / peaks[0] for peak in peaks[1:]]
 
 
+@pytest.mark.slow
 def test_a_loom_off_the_centre() -> None:
     near, far = off_centre(((10.6, 10.6), (30.0, 0.0)))
     assert 0.5 <= near <= 0.9

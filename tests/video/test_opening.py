@@ -278,7 +278,7 @@ def test_the_height_is_known_before_the_settings_are_resolved(film: Path, tmp_pa
     not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2,
     reason="NOT MEASURED: with one core a thread decodes",
 )
-@pytest.mark.parametrize("name", ["SIGSEGV", "SIGKILL"])
+@pytest.mark.parametrize("name", [pytest.param("SIGSEGV", marks=pytest.mark.slow), "SIGKILL"])
 def test_a_run_whose_decoder_ends(film: Path, tmp_path: Path, name: str) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", ENTRY, "run", str(film), "-o", str(tmp_path), "--height", "24"],
