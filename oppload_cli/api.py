@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pandas as pd
 
-from oppload_cli.errors import OutputError, ParameterError
+from oppload_cli.errors import OutputError, ParameterError, counted
 from oppload_cli.files.atomic import write_atomic
 from oppload_cli.files.reading import is_there
 from oppload_cli.files.tables import Table
@@ -80,11 +80,11 @@ class Result(tables.BaseResult):
 
     def __repr__(self) -> str:
         name = self.sidecar.get("input", {}).get("name") or self.stem
-        parts = [repr(str(name)), _plural(len(self.frames), "frame")]
+        parts = [repr(str(name)), counted(len(self.frames), "frame")]
         for model in self.models:
             on = self.frames[f"{model}_alarm"].fillna(0).astype(bool)
             begins = int((on & ~on.shift(fill_value=False)).sum())
-            parts.append(f"{model}: {_plural(begins, 'alarm')}")
+            parts.append(f"{model}: {counted(begins, 'alarm')}")
         return f"Result({', '.join(parts)})"
 
     @property
@@ -338,7 +338,3 @@ def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
     return cast(
         "list[dict[str, Any]]", table.astype(object).where(table.notna(), None).to_dict("records")
     )
-
-
-def _plural(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

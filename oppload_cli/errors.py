@@ -163,6 +163,11 @@ def without_login(text: str) -> str:
     return _LOGIN.sub("", text)
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number with its noun, such as ``1 frame`` or ``0 frames``."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return a hint for a misspelt word, such as ``; did you mean 'receptive_field'?``.
 

@@ -8,7 +8,7 @@ import click
 
 from oppload_cli.cli import say
 from oppload_cli.cli.options import if_exists_option
-from oppload_cli.errors import ExitCode
+from oppload_cli.errors import ExitCode, counted
 from oppload_cli.results import collecting
 
 
@@ -43,12 +43,8 @@ def collect(
         on_error=lambda error: say(f"oppload: {error}"),
     )
     if not quiet:
-        say(f"{_plural(found.good, 'result')}, {_plural(found.rows, 'row')} -> {output}")
+        say(f"{counted(found.good, 'result')}, {counted(found.rows, 'row')} -> {output}")
     if found.bad:
-        lost = _plural(found.bad, "result")
+        lost = counted(found.bad, "result")
         say(f"oppload: {lost} could not be collected; the others are in {output}")
     return ExitCode.INCOMPLETE if found.bad else ExitCode.DONE
-
-
-def _plural(count: int, noun: str) -> str:
-    return f"{count} {noun}{'s' * (count != 1)}"

@@ -11,7 +11,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Never
 
 from oppload_cli.cli import on_terminal, progress_bar, say
-from oppload_cli.errors import printable
+from oppload_cli.errors import counted, printable
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.alarms import MOST_IN_A_LINE, in_words, label_of, times, uncounted
 
@@ -153,8 +153,7 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
         first, *others = task.outputs.paths()
         names = [str(first), *(each.name for each in others)]
         speed = f" at {outcome.frames / outcome.wall_s:.0f} frames/s" if outcome.wall_s else ""
-        frames = "1 frame" if outcome.frames == 1 else f"{outcome.frames} frames"
-        yield f"  {frames}{speed} -> {', '.join(names)}"
+        yield f"  {counted(outcome.frames, 'frame')}{speed} -> {', '.join(names)}"
     if not outcome.complete:
         yield incomplete(task, outcome)
     elif outcome.notes:

@@ -31,6 +31,7 @@ from oppload_cli.errors import (
     ParameterError,
     SourceError,
     StimulusError,
+    counted,
     printable,
 )
 from oppload_cli.files.atomic import make_folder
@@ -239,10 +240,9 @@ def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
     for failure in failures:
         say(f"oppload: {failure.message}")
     refused = ", which have results: see --if-exists" if counts["refuse"] else ""
-    inputs = "1 input" if len(plan) == 1 else f"{len(plan)} inputs"
     say(
-        f"{inputs}: {counts['run']} to run, {counts['skip']} to skip, {len(failures)} not "
-        f"possible, {counts['refuse']} to refuse{refused}"
+        f"{counted(len(plan), 'input')}: {counts['run']} to run, {counts['skip']} to skip, "
+        f"{len(failures)} not possible, {counts['refuse']} to refuse{refused}"
     )
     if failures and len(failures) == len(plan):
         return Tally(failures).exit_code()

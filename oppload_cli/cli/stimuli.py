@@ -156,11 +156,9 @@ def _settings(texts: Sequence[str]) -> dict[str, Any]:
 
 def say_remarks(protocols: Sequence[Protocol]) -> None:
     """Say each remark once, with the first stimulus that it concerns and the number of others."""
-    from oppload_cli.stimulus.remarks import remarks_on
-
     concerned: dict[str, list[str]] = {}
     for protocol in protocols:
-        for remark in remarks_on(protocol):
+        for remark in protocol.remarks():
             concerned.setdefault(remark, []).append(protocol.name)
     for remark, (first, *others) in concerned.items():
         say(f"note: {first}{f' and {len(others)} more' if others else ''}: {remark}")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from oppload_cli.errors import DetectorError, SourceError, StimulusError
+from oppload_cli.errors import DetectorError, SourceError, StimulusError, counted
 from oppload_cli.evaluation.metrics.clips import Clip, Output, videos_of
 from oppload_cli.evaluation.metrics.intervals import DRAWS, draws_of
 from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, measured, of_places
@@ -187,8 +187,7 @@ def _fault_of(clip: Clip) -> str:
     """Return why a clip cannot be used; empty if it can."""
     contact = clip.label.contact
     if clip.first == len(clip):
-        frames = f"{len(clip)} frame{'s' * (len(clip) > 1)}"
-        return f"has {frames}, too few for any response; leave it out"
+        return f"has {counted(len(clip), 'frame')}, too few for any response; leave it out"
     if contact is not None and contact >= len(clip):
         return (
             f"its contact, frame {contact}, is beyond its last frame, {len(clip) - 1}; correct it"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from oppload_cli.errors import counted
 from oppload_cli.evaluation.detectors import label_of
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, RATES
 from oppload_cli.evaluation.metrics.clips import AHEAD
@@ -149,7 +150,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
         axes.barh(y, values, height * 0.9, color=look["color"], label=look["label"])
         axes.errorbar(values, y, xerr=spread, fmt="none", ecolor=look["color"], elinewidth=0.9)
         highest = max(highest, values.max(initial=0))
-    labels = [f"{kind}\n{one.n} clip{'s' * (one.n != 1)}" for kind, one in kinds.items()]
+    labels = [f"{kind}\n{counted(one.n, 'clip')}" for kind, one in kinds.items()]
     axes.set_yticks(range(len(kinds)), labels)
     axes.invert_yaxis()
     axes.set_xlim(0, _SHOWN * highest)  # intervals of few clips are too long to show completely

@@ -20,6 +20,7 @@ from oppload_cli.errors import (
     OutputError,
     ParameterError,
     ShortageError,
+    counted,
     reason_of,
     shortage,
     without_login,
@@ -259,7 +260,7 @@ class _Run:
         facts, decoded = self.video.facts, self.video.decode.decoded
         count = max(decoded, facts.frames_declared or 0)
         seconds = f"{float(count / facts.frame_rate):.2f} s, " if facts.frame_rate else ""
-        return f"it has {seconds}{count} frame{'s' * (count != 1)}"
+        return f"it has {seconds}{counted(count, 'frame')}"
 
     def outcome(self, wall_s: float) -> Outcome:
         """Return the outcome of the pass."""

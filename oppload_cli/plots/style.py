@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from oppload_cli import palette
-from oppload_cli.errors import ParameterError, printable
+from oppload_cli.errors import ParameterError, counted, printable
 from oppload_cli.files.atomic import write_atomic
 from oppload_cli.models.registry import detector_named, known_names
 from oppload_cli.results.reading import Tuning
@@ -290,8 +290,8 @@ def labels_of(
     if given and len(given) != len(read):
         noun = "table" if isinstance(read[0], Tuning) else "result"
         raise ParameterError(
-            f"{len(given)} label{'s' * (len(given) > 1)} for {len(read)} {noun}"
-            f"{'s' * (len(read) > 1)}; give one for each, or none"
+            f"{counted(len(given), 'label')} for {counted(len(read), noun)}; give one for each, "
+            "or none"
         )
     return [_escaped(name) for name in given or _distinct_names(read)]
 

@@ -289,13 +289,13 @@ class CameraSource:
                 f"{name}: this camera gives no picture; check that it is there and not in use"
             )
         rate = self._capture.get(cv2.CAP_PROP_FPS)  # a driver may divide by 0
-        known = 0 < rate < math.inf
+        exact = Fraction(rate).limit_denominator(1001) if 0 < rate < math.inf else None
         self.facts = InputFacts(
             name=name,
             kind="camera",
             width=first.shape[1],
             height=first.shape[0],
-            frame_rate=(known and Fraction(rate).limit_denominator(1001)) or None,
+            frame_rate=exact or None,
             frames_declared=None,
             codec="raw",
             pixel_format="bgr24",

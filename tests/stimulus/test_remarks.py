@@ -7,7 +7,6 @@ import tomllib
 import pytest
 
 from oppload_cli.stimulus import Protocol
-from oppload_cli.stimulus.remarks import remarks_on
 
 TOP = """
 [display]
@@ -35,7 +34,7 @@ size_deg = 10
 
 
 def remarks(text: str) -> list[str]:
-    return remarks_on(Protocol.from_table(tomllib.loads(text), "my.toml"))
+    return Protocol.from_table(tomllib.loads(text), "my.toml").remarks()
 
 
 @pytest.mark.parametrize(
