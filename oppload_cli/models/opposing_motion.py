@@ -294,10 +294,8 @@ class PooledJudgement(CellJudgement):
         params = self._params
         self._persistent = np.zeros((2, *self.maps.responses.shape), np.float32)
         self._moving = 0.0  # intervals with R above 0
-        # Sums of frame times have rounding errors, to which the added 0.01 gives room.
         self._background = Background(
-            params.adaptation_s * self._per_second + 0.01,
-            params.adaptation_guard_s * self._per_second + 0.01,
+            params.adaptation_s * self._per_second, params.adaptation_guard_s * self._per_second
         )
 
     def _lasts(self, photoreceptors: Photoreceptors) -> bool:

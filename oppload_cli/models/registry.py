@@ -353,6 +353,8 @@ class DetectorBank:
     ----------
     detectors : dict of str to Detector
         The detectors by name.
+    responded : set of str
+        Names of the detectors that have responded: from now on their response is never None.
 
     Raises
     ------
@@ -380,7 +382,7 @@ class DetectorBank:
             raise ParameterError("no model is chosen; name at least one")
         self._layers = layers = Layers(shape, Clock(time, frame_rate))
         self._photoreceptors = layers.photoreceptors()
-        self._responded: set[str] = set()
+        self.responded: set[str] = set()
         self.detectors: dict[str, Detector] = {}
         for each in params:
             kind = detector_of(each)
@@ -401,7 +403,7 @@ class DetectorBank:
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._responded.clear()
+        self.responded.clear()
         self._photoreceptors.reset()
         for detector in self.detectors.values():
             detector.reset()
@@ -433,7 +435,7 @@ class DetectorBank:
         luma.flags.writeable = False
         self._photoreceptors.step(luma)
         responses = {name: _response_of(each, luma) for name, each in self.detectors.items()}
-        self._responded |= {name for name, each in responses.items() if each is not None}
+        self.responded |= {name for name, each in responses.items() if each is not None}
         return {n: self._at_rest(n) if each is None else each for n, each in responses.items()}
 
     def at_rest(self, intervals: float) -> dict[str, Response | None]:
@@ -444,13 +446,13 @@ class DetectorBank:
         `intervals`, the number of intervals since the start, has reached its warm-up.
         """
         if self._photoreceptors.layer.frames == 1:
-            self._responded |= {
+            self.responded |= {
                 n for n, each in self.detectors.items() if intervals >= each.warm_up
             }
         return {name: self._at_rest(name) for name in self.detectors}
 
     def _at_rest(self, name: str) -> Response | None:
-        return self.detectors[name].at_rest() if name in self._responded else None
+        return self.detectors[name].at_rest() if name in self.responded else None
 
 
 def _response_of(detector: Detector, luma: Map) -> Response | None:

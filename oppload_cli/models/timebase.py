@@ -114,7 +114,8 @@ class Background:
 
     `reach`, above 0, is the length of the background in the unit of the times. `guard`, at least 0,
     is the length of the latest span of time that is not yet background: an event must not raise
-    the background with which it is compared.
+    the background with which it is compared. The guard is longer by a quarter of the latest step,
+    because it is often a whole number of steps: then rounded times would decide.
     """
 
     def __init__(self, reach: float, guard: float) -> None:
@@ -129,11 +130,14 @@ class Background:
 
         The value must be finite, and its time not earlier than that of the previous value.
         """
-        while self._waiting and self._waiting[0][0] < time - self._guard:
+        guard = self._guard
+        if self._waiting:
+            guard += (time - self._waiting[-1][0]) / 4
+        while self._waiting and self._waiting[0][0] < time - guard:
             counted = self._waiting.popleft()
             self._counted.append(counted)
             insort(self._sorted, counted[1])
-        oldest = time - self._guard - self._reach
+        oldest = time - guard - self._reach
         while self._counted and (self._counted[0][0] < oldest or len(self._counted) > _MOST_VALUES):
             del self._sorted[bisect_left(self._sorted, self._counted.popleft()[1])]
         if len(self._waiting) < _MOST_VALUES:

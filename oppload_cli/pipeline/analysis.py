@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 
 
 _FEW_FRAMES = 10  # after this number of frames a wrong unit of the times gives a warning
+_FIRST_FRAMES = 16  # a cadence that these frames prove counts from the first frame on
 _LONGEST_STEP_S = 1.0  # a larger usual step suggests that times are not in seconds
 
 
@@ -381,6 +382,8 @@ class _Prepared(NamedTuple):
     frame: Frame
     repeat: Repeat
     opponency: RmoMetrics | None
+    # All frames before this one, if their repeats are now better known: the detectors begin again.
+    again: Sequence[_Prepared] = ()
 
 
 class _Preparation:
@@ -389,6 +392,8 @@ class _Preparation:
     def __init__(self, chosen: _Chosen, rate: Fraction | None) -> None:
         self.times, self.repeats = FrameTimes(rate), chosen.repeats
         self._flow = DenseFlow(chosen.rmo) if chosen.rmo else None
+        # The first frames of the video, until a cadence is known or there are too many.
+        self._first: list[_Prepared] | None = []
 
     def step(self, frame: Frame) -> _Prepared:
         """Take the next frame."""
@@ -400,7 +405,19 @@ class _Preparation:
         opponency = None
         if self._flow:
             opponency = RmoMetrics() if repeat.kind else self._flow.step(frame.luma)
-        return _Prepared(frame, repeat, opponency)
+        prepared = _Prepared(frame, repeat, opponency)
+        return prepared if self._first is None else self._again(self._first, prepared)
+
+    def _again(self, first: list[_Prepared], latest: _Prepared) -> _Prepared:
+        """Return the latest frame; if a cadence is known now, with the first frames once more."""
+        first.append(latest)
+        if not self.repeats.is_cadence:
+            self._first = first if len(first) < _FIRST_FRAMES else None
+            return latest
+        self._first = None
+        found = self.repeats.again([(each.frame.luma, each.frame.time_s) for each in first])
+        *again, latest = (each._replace(repeat=r) for each, r in zip(first, found, strict=True))
+        return latest._replace(again=again)
 
 
 class _Detectors:
@@ -409,10 +426,14 @@ class _Detectors:
     def __init__(
         self, working: WorkingSize, rate: Fraction | None, chosen: _Chosen, optics: Optics | None
     ) -> None:
+        self._working, self._rate, self._chosen, self._optics = working, rate, chosen, optics
+        self._begin()
+
+    def _begin(self) -> None:
+        working, chosen = self._working, self._chosen
         places, time = chosen.places, chosen.time
-        stated = float(rate) if rate else None
+        stated = float(self._rate) if self._rate else None
         self.count = 0  # number of frames so far
-        self._working, self._optics = working, optics
         self._bank = DetectorBank(working.shape, chosen.params, stated, time)
         self._per_second = time.per_second
         self._first_s = 0.0
@@ -428,6 +449,12 @@ class _Detectors:
 
     def step(self, prepared: _Prepared) -> FrameRecord:
         """Take the next frame."""
+        if prepared.again:
+            responded = self._bank.responded
+            self._begin()
+            self._bank.responded = responded
+            for each in prepared.again:
+                self.step(each)
         time_s, repeat = prepared.frame.time_s, prepared.repeat
         if not self.count:
             self._first_s = time_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections import deque
 from dataclasses import dataclass
 from statistics import median
@@ -13,6 +14,8 @@ import numpy as np
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Luma = NDArray[np.float32]
@@ -52,7 +55,7 @@ class RepeatParams(Parameters):
         high=10,
     )
     share: float = parameter(
-        0.25,
+        0.35,
         "the change of a near repeat is below this share of the usual change",
         low=0,
         high=0.5,
@@ -113,7 +116,8 @@ class Repeats:
     that may be repeats; it is proved if the change after it rises as steeply as it dropped. Near
     repeats are recognised only in a cadence: after `_ENOUGH` proved runs. If the scene comes to
     rest in a cadence, the detectors get frames at the rate of the pictures, and after `longest_s`
-    every frame. Only past frames are used, so that the first near repeats are not recognised.
+    every frame. Only past frames are used, so that the first near repeats are not recognised;
+    :meth:`again` recognises them afterwards.
 
     Source: ``docs/model.md``, "Repeats".
 
@@ -187,7 +191,7 @@ class Repeats:
             self._shown = luma
             # Only new pictures get an even time: neither frames at rest nor, outside a cadence,
             # frames that may be repeats.
-            if not repeat.kind and (self._is_cadence or not self._run):
+            if not repeat.kind and (self.is_cadence or not self._run):
                 self._even_s = self._even_time(time_s)
                 repeat = repeat._replace(shift_s=self._even_s - time_s)
                 self._picture_s = time_s
@@ -196,6 +200,23 @@ class Repeats:
         self._passed_over = repeat.passed_over
         self._before_s = time_s
         return repeat
+
+    def again(self, first: Sequence[tuple[Luma, float]]) -> list[Repeat]:
+        """Recognise the repeats among the first frames once more, by the cadence that they proved.
+
+        `first` holds luminance and time of all frames so far. The numbers of repeats do not change.
+        """
+        counts = self.exact, self.near, self._frames, self._pictures, self._repeats
+        for _ in range(2):  # the first pass finds the lengths of the runs, which the second uses
+            proofs, lasted = len(self._proofs), len(self._lasted_s)
+            self._shown, self._run = None, 0
+            found = [self.step(luma, time_s) for luma, time_s in first]
+            if len(self._proofs) >= proofs + _ENOUGH:
+                for known, count in (self._proofs, proofs), (self._lasted_s, lasted):
+                    for _ in range(count):
+                        known.popleft()
+        self.exact, self.near, self._frames, self._pictures, self._repeats = counts
+        return found
 
     def _even_time(self, time_s: float) -> float:
         """Return the time at which the picture was taken that a frame shows first.
@@ -208,13 +229,13 @@ class Repeats:
         if not self._proofs:
             self._lasted_s.clear()
         # Before a cadence only a proved run shows how long its picture lasted.
-        known = self._is_cadence or (bool(self._proofs) and self._proofs[-1][0] == time_s)
+        known = self.is_cadence or (bool(self._proofs) and self._proofs[-1][0] == time_s)
         if not known or not 0 < lasted_s <= self._params.longest_s:
             return time_s
         self._lasted_s.append(lasted_s)
-        if not self._is_cadence:
+        if not self.is_cadence:
             return time_s
-        even_s = self._even_s + sum(self._lasted_s) / len(self._lasted_s)
+        even_s = self._even_s + _slope(self._lasted_s)
         frame_s, late_s = time_s - self._before_s, time_s - even_s
         even_s += _PULL * (max(late_s - frame_s, 0) + min(late_s, 0))
         earliest_s = max(time_s - 2 * frame_s, self._shown_s + frame_s / 2)
@@ -240,12 +261,13 @@ class Repeats:
         self._largest = _Change(*map(max, self._largest, change or _NONE))
         if time_s - self._since_s > self._params.longest_s:
             return self._at_rest(exact=exact)
-        held = self._is_cadence and self._run % (1 + self._longest) > 0
+        held = self.is_cadence and self._run % (1 + self._longest) > 0
         kind = EXACT if exact else NEAR if held else ""
         return Repeat(kind, bool(kind), held)
 
     @property
-    def _is_cadence(self) -> bool:
+    def is_cadence(self) -> bool:
+        """Whether the latest two seconds have a cadence."""
         return len(self._proofs) >= _ENOUGH
 
     @property
@@ -257,7 +279,7 @@ class Repeats:
     def _is_drop(self, change: _Change) -> bool:
         usual = self._usual_change()
         return usual.largest >= self._params.least and change.below(
-            self._params.share, usual, lenient=self._is_cadence
+            self._params.share, usual, lenient=self.is_cadence
         )
 
     def _usual_change(self) -> _Change:
@@ -265,7 +287,7 @@ class Repeats:
             return _NONE
         changes = list(zip(*self._usual, strict=True))
         usual = [median(each[-_PICTURES:]) for each in changes]
-        if not self._is_cadence:  # most of these frames may be repeats
+        if not self.is_cadence:  # most of these frames may be repeats
             second = [sorted(each)[-2:][0] for each in changes]
             usual = list(map(max, usual, second))
         return _Change(*usual)
@@ -275,10 +297,10 @@ class Repeats:
         proved = self._run > 0 and self._before_s - self._since_s <= self._params.longest_s
         if change is not None:  # with `EXACT` a run needs no rise
             usual = self._usual_change()
-            proved &= change.largest > _RISE * usual.largest
+            proved &= change.largest > (_RISE * usual.largest or self._params.least)
             proved &= self._largest.below(self._params.share, change, lenient=True)
             self._usual.append(change)
-        if self._is_cadence:
+        if self.is_cadence:
             self._pictures += 1
             self._repeats += self._run * proved
         if proved:
@@ -292,6 +314,12 @@ class Repeats:
         self._usual.clear()
         self._run = 0
         return Repeat()
+
+
+def _slope(steps: Sequence[float]) -> float:
+    """Return the mean step of the straight line that fits best (least squares)."""
+    weights = [number * (len(steps) - number + 1) for number in range(1, len(steps) + 1)]
+    return sum(map(operator.mul, weights, steps)) / sum(weights)
 
 
 def _equal(one: Luma, other: Luma) -> bool:

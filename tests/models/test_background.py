@@ -17,6 +17,7 @@ STEPS = st.lists(
 def plain(times: list[float], values: list[float], reach: float, guard: float) -> float:
     """The median of the values before the last one that are older than the guard, within reach."""
     *before, now = times
+    guard += (now - before[-1]) / 4 if before else 0
     counted = sorted(
         value
         for time, value in zip(before, values, strict=False)
@@ -34,6 +35,17 @@ def test_it_is_a_plain_median(steps: list[tuple[int, float]], reach: int, guard:
     for count, (time, value) in enumerate(zip(times, values, strict=True), start=1):
         expected = plain(times[:count], values[:count], reach / 8, guard / 8)
         assert running.step(value, time) == expected
+
+
+@pytest.mark.parametrize("rate", [24, 25, 30, 60])
+def test_rounded_times_do_not_decide(rate: int) -> None:
+    """A guard that is a whole number of steps leaves out the same frames for any rounding."""
+    guard = 5 / rate
+    for rounding in (-0.001, 0.0, 0.001):
+        running = Background(10, guard)
+        times = [frame / rate + rounding * (frame % 2) for frame in range(8)]
+        found = [running.step(float(frame), time) for frame, time in enumerate(times)]
+        assert found == [0, 0, 0, 0, 0, 0, 0, 0.5]
 
 
 def test_of_an_even_number_the_mean_of_both_in_the_middle() -> None:

@@ -349,7 +349,7 @@ def test_random_moments_of_several_processes(tmp_path: Path, words: list[str]) -
             said = run.communicate(timeout=HANG_S)[1]
         assert not list(folder.glob("**/*.part"))
         if run.returncode != 0:  # words about a result come before it where the signal is late
-            assert run.returncode == 130
+            assert run.returncode == 130, said
             assert said.splitlines()[-1] == "oppload: interrupted"
             assert said.count("interrupted") == 1
             assert "Traceback" not in said
