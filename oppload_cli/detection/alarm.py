@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps between frames
 _FIRST_STEP_S = 0.1  # the usual step before any step is known
+_INTERVAL_S = 1 / 30
 _GAP = 2.0  # a step longer than 2 usual steps is a gap: frames are missing
 
 
@@ -171,17 +172,18 @@ class Cuts:
         self._params = params or AlarmParams()
         self._changes: deque[tuple[float, float]] = deque()
         self._steps = _Steps()
-        self._cut_s, self._cause = -math.inf, ""
+        self._before_s = self._cut_s = -math.inf
+        self._cause = ""
 
-    def step(self, photoreceptors: Map, change: float, time_s: float) -> str:
+    def step(self, photoreceptors: Map, change: float | None, time_s: float) -> str:
         """Take the next frame.
 
         Parameters
         ----------
         photoreceptors : ndarray of float32, shape (height, width)
             P(t), 0 to 1.
-        change : float
-            Mean of P over the frame, 0 to 1.
+        change : float or None
+            Mean of P over the frame, 0 to 1; None for the first frame.
         time_s : float
             The frame's presentation time in seconds.
 
@@ -192,12 +194,15 @@ class Cuts:
             ``cut`` (or a flash, or a luminance step), ``rest`` (which ended), or ``gap``. Empty for
             a frame that counts.
         """
+        before_s, self._before_s = self._before_s, time_s
+        is_gap = self._steps.gap_s(time_s) > max(self._params.hold_s, self._params.blind_s)
+        if change is None:
+            return ""
         while len(self._changes) > self.LEAST_KEPT and self._changes[0][0] < time_s - self.MEMORY_S:
             self._changes.popleft()
-        longest_s = max(self._params.hold_s, self._params.blind_s)
-        is_gap = self._steps.gap_s(time_s) > longest_s
         if cause := "gap" if is_gap else self._cause_in(photoreceptors, change):
-            self._cut_s, self._cause = time_s, cause
+            # The cut lies after the frame before, at every frame rate.
+            self._cut_s, self._cause = max(before_s, time_s - _INTERVAL_S), cause
         self._changes.append((time_s, change))
         return self._cause if time_s - self._cut_s < self._params.blind_s else ""
 

@@ -93,7 +93,9 @@ class AlarmParams(Parameters):
         5e-4, "a scene is at rest while its luminance change is at most this", low=0, high=1
     )
     blind_s: float = _seconds(
-        0.33, "time after a cut, or after the end of a rest, in which frames do not count"
+        0.345,
+        "time in which frames do not count; it begins with the frame before a cut or the end of a "
+        "rest, but at most 1/30 s earlier",
     )
 
     def __post_init__(self) -> None:

@@ -446,9 +446,7 @@ class DetectorBank:
         `intervals`, the number of intervals since the start, has reached its warm-up.
         """
         if self._photoreceptors.layer.frames == 1:
-            self.responded |= {
-                n for n, each in self.detectors.items() if intervals >= each.warm_up
-            }
+            self.responded |= {n for n, each in self.detectors.items() if intervals >= each.warm_up}
         return {name: self._at_rest(name) for name in self.detectors}
 
     def _at_rest(self, name: str) -> Response | None:

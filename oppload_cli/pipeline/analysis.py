@@ -57,7 +57,9 @@ if TYPE_CHECKING:
 
 
 _FEW_FRAMES = 10  # after this number of frames a wrong unit of the times gives a warning
-_FIRST_FRAMES = 16  # a cadence that these frames prove counts from the first frame on
+# A cadence that the first 0.6 s prove counts from the first frame on. For this their frames are
+# kept, but not more than 64 MB.
+_FIRST_S, _FIRST_BYTES = 0.6, 1 << 26
 _LONGEST_STEP_S = 1.0  # a larger usual step suggests that times are not in seconds
 
 
@@ -412,7 +414,9 @@ class _Preparation:
         """Return the latest frame; if a cadence is known now, with the first frames once more."""
         first.append(latest)
         if not self.repeats.is_cadence:
-            self._first = first if len(first) < _FIRST_FRAMES else None
+            seconds = latest.frame.time_s - first[0].frame.time_s
+            if seconds > _FIRST_S or len(first) * latest.frame.luma.nbytes > _FIRST_BYTES:
+                self._first = None
             return latest
         self._first = None
         found = self.repeats.again([(each.frame.luma, each.frame.time_s) for each in first])
@@ -464,7 +468,7 @@ class _Detectors:
         responses = self._responses(prepared)
         change = 0.0 if repeat.kind else self._bank.luma_change
         blind = ""
-        if change is not None and not repeat.passed_over:
+        if not repeat.passed_over:
             blind = self._cuts.step(self._bank.photoreceptors, change, time_s)
         found = {
             name: () if repeat.kind else self._found(name, responses[name], prepared)

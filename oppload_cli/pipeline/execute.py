@@ -320,7 +320,7 @@ class _Run:
         if self.frames and begins_blind and seconds < alarm.blind_s:
             remarks.append(
                 f"lasts {seconds:.2f} s: too short for an alarm, as the first "
-                f"{alarm.blind_s:.2g} s never count"
+                f"{alarm.blind_s:.3g} s never count"
             )
         return tuple(remarks)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections import deque
 from dataclasses import dataclass
 from statistics import median
@@ -204,18 +203,18 @@ class Repeats:
     def again(self, first: Sequence[tuple[Luma, float]]) -> list[Repeat]:
         """Recognise the repeats among the first frames once more, by the cadence that they proved.
 
-        `first` holds luminance and time of all frames so far. The numbers of repeats do not change.
+        `first` holds luminance and time of all frames so far. `exact` and `near` do not change.
         """
-        counts = self.exact, self.near, self._frames, self._pictures, self._repeats
+        counts = self.exact, self.near, self._frames
         for _ in range(2):  # the first pass finds the lengths of the runs, which the second uses
             proofs, lasted = len(self._proofs), len(self._lasted_s)
-            self._shown, self._run = None, 0
+            self._shown, self._run, self._pictures, self._repeats = None, 0, 0, 0
             found = [self.step(luma, time_s) for luma, time_s in first]
             if len(self._proofs) >= proofs + _ENOUGH:
                 for known, count in (self._proofs, proofs), (self._lasted_s, lasted):
                     for _ in range(count):
                         known.popleft()
-        self.exact, self.near, self._frames, self._pictures, self._repeats = counts
+        self.exact, self.near, self._frames = counts
         return found
 
     def _even_time(self, time_s: float) -> float:
@@ -235,7 +234,7 @@ class Repeats:
         self._lasted_s.append(lasted_s)
         if not self.is_cadence:
             return time_s
-        even_s = self._even_s + _slope(self._lasted_s)
+        even_s = self._even_s + sum(self._lasted_s) / len(self._lasted_s)
         frame_s, late_s = time_s - self._before_s, time_s - even_s
         even_s += _PULL * (max(late_s - frame_s, 0) + min(late_s, 0))
         earliest_s = max(time_s - 2 * frame_s, self._shown_s + frame_s / 2)
@@ -300,9 +299,9 @@ class Repeats:
             proved &= change.largest > (_RISE * usual.largest or self._params.least)
             proved &= self._largest.below(self._params.share, change, lenient=True)
             self._usual.append(change)
-        if self.is_cadence:
+        if self.is_cadence and (proved or not self._run):
             self._pictures += 1
-            self._repeats += self._run * proved
+            self._repeats += self._run
         if proved:
             self._proofs.append((time_s, self._run))
         self._run = 0
@@ -314,12 +313,6 @@ class Repeats:
         self._usual.clear()
         self._run = 0
         return Repeat()
-
-
-def _slope(steps: Sequence[float]) -> float:
-    """Return the mean step of the straight line that fits best (least squares)."""
-    weights = [number * (len(steps) - number + 1) for number in range(1, len(steps) + 1)]
-    return sum(map(operator.mul, weights, steps)) / sum(weights)
 
 
 def _equal(one: Luma, other: Luma) -> bool:

@@ -47,14 +47,14 @@ def test_a_cut_changes_most_of_the_frame_far_more_than_before() -> None:
     assert blind([*MOTION, changed(0.041, 0.49), *after]) == []
     assert blind([*MOTION, changed(0.041, 0.5), *after], cut_ratio=4.2) == []
     assert blind([*MOTION, changed(0.041, 0.5), *after], cut_ratio=0) == []
-    assert blind([*MOTION, changed(0.041, 0.3), *after], cut_share=0.3, blind_s=0.06) == [8, 9]
+    assert blind([*MOTION, changed(0.041, 0.3), *after], cut_share=0.3, blind_s=0.07) == [8, 9]
 
 
 def test_it_is_held_against_the_largest_of_five_frames() -> None:
     large = changed(0.02, 0.3)
     cut = changed(0.041, 0.9)
-    assert blind([*MOTION, large, *MOTION[:5], cut], blind_s=0.03) == [14]
-    assert blind([*MOTION, large, *MOTION[:4], cut], blind_s=0.03) == []
+    assert blind([*MOTION, large, *MOTION[:5], cut], blind_s=0.04) == [14]
+    assert blind([*MOTION, large, *MOTION[:4], cut], blind_s=0.04) == []
 
 
 def test_pixels_that_change_less_than_a_quarter_of_the_mean_do_not_count() -> None:
@@ -76,11 +76,11 @@ def test_any_motion_out_of_rest_is_blind_however_small_it_is() -> None:
 
 def test_a_second_cut_begins_anew() -> None:
     cut = changed(0.3, 0.9)
-    assert blind([*MOTION, cut, *MOTION[:6], cut, *MOTION], blind_s=0.09) == [8, 9, 10, 15, 16, 17]
+    assert blind([*MOTION, cut, *MOTION[:6], cut, *MOTION], blind_s=0.12) == [8, 9, 10, 15, 16, 17]
 
 
 def test_a_video_begins_out_of_rest() -> None:
-    cuts = Cuts(AlarmParams(blind_s=0.09))
+    cuts = Cuts(AlarmParams(blind_s=0.12))
     seen = [cuts.step(*changed(0.01, 0.1), t / 30) for t in range(5)]
     assert seen == ["start"] * 3 + [""] * 2
 
@@ -99,12 +99,13 @@ def test_a_blind_frame_has_its_latest_cause() -> None:
     assert causes((1.0, 0.041, 0.5), (1.6, 0.01, 0.3)) == ["cut", "gap"]
 
 
-@pytest.mark.parametrize("rate", [10, 24, 60, 240])
-def test_frames_are_blind_for_the_same_time_at_any_rate(rate: int) -> None:
+@pytest.mark.parametrize("rate", [10, 24, 25, 30, 60, 240])
+def test_frames_count_again_at_the_same_time_at_any_rate(rate: int) -> None:
     found = blind([*MOTION * 20, changed(0.041, 0.5), *MOTION * 20], rate=rate)
     found = [t for t in found if t >= 160]  # the beginning is blind too
     assert found == list(range(160, 160 + len(found)))
-    assert 0.33 <= len(found) / rate < 0.33 + 1 / rate
+    from_before_s = min(1 / rate, 1 / 30) + len(found) / rate
+    assert 0.345 <= from_before_s < 0.345 + 1 / rate
 
 
 SCENES = {
