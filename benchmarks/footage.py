@@ -2,6 +2,7 @@
 
     python -m benchmarks.footage sizes VIDEO ... [--frames N]
     python -m benchmarks.footage repeats VIDEO ... [--frames N]
+    python -m benchmarks.footage shares VIDEO ... [--frames N]
 
 The program encodes each video in several ways (H.264) and analyses every file as ``oppload run``
 does; the VIDEO `generated` is a textured disk that approaches over a texture.
@@ -10,7 +11,9 @@ files with repeats with a file that shows every picture once at its own rate. Th
 show every picture twice at twice the rate, or every second picture at 12 pictures/s in 30 frames/s.
 In the column *told* the detectors analyse the same file, but are told which frames are repeats and
 when each picture was taken. So a deviation of *told* from 1 is due to the recognition of repeats;
-the rest of the deviation in the column *peak* is due to the encoder.
+the rest of the deviation in the column *peak* is due to the encoder. `shares` counts, in the same
+files, the repeats that are missed and the new pictures that are taken for repeats, for several
+values of ``repeats.share``.
 """
 
 from __future__ import annotations
@@ -48,6 +51,7 @@ SIZES_CRF = 18
 CRFS = (23, 28, 35)
 DETECTORS = (("opplod", "default"), ("opplod", "reference"), ("dlgmd", "default"))
 LOSSLESS = None
+SHARES = (0.25, 0.35, 0.45)
 # SWS_BICUBIC or SWS_AREA, with SWS_ACCURATE_RND and SWS_BITEXACT
 BICUBIC_EXACTLY, AREA_EXACTLY = 0x4 | 0xC0000, 0x20 | 0xC0000
 
@@ -232,13 +236,48 @@ def repeated(shown: Sequence[NDArray[np.uint8]], rate: Fraction, folder: Path) -
         yield Pair(f"12 in 30, {how}", path, plain, uneven, Fraction(12))
 
 
+def counted_repeats(path: Path, pictures: Sequence[int], share: float) -> NDArray[np.int_]:
+    """Return the numbers of repeats, of missed ones, and of new pictures taken for repeats."""
+    repeats, numbers = Repeats(RepeatParams(share=share)), np.zeros(3, int)
+    with open_video(path) as video:
+        for frame, number, before in zip(video, pictures, (-1, *pictures), strict=False):
+            left_out = repeats.step(frame.luma, frame.time_s).passed_over
+            is_repeat = number == before
+            numbers += is_repeat, is_repeat and not left_out, left_out and not is_repeat
+    return numbers
+
+
+def print_shares(videos: Sequence[Path], count: int) -> None:
+    """Print a row for each encoding: numbers over all videos, by share."""
+    numbers: dict[str, NDArray[np.int_]] = {}
+    for path in videos:
+        with TemporaryDirectory() as name:
+            shown = list(planes(path, count))
+            for pair in repeated(shown, _rate_of(path), Path(name)):
+                files = {pair.how: (pair.here, pair.pictures)}
+                if pair.how.startswith("twice"):
+                    files[f"no repeats{pair.how[5:]}"] = pair.there, tuple(range(len(shown)))
+                for how, (file, pictures) in files.items():
+                    found = np.array([counted_repeats(file, pictures, each) for each in SHARES])
+                    numbers[how] = numbers.get(how, 0) + found
+    shares = ", ".join(map(str, SHARES))
+    print(f"| coding | repeats | missed at a share of {shares} | new pictures taken for repeats |")
+    print("|---|---|---|---|")
+    for how, found in numbers.items():
+        repeats, missed, taken = (", ".join(map(str, column)) for column in found.T)
+        print(f"| {how} | {repeats.split(',')[0]} | {missed} | {taken} |")
+
+
 def main() -> None:
     """Print a row for each video, encoding and detector."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("sizes", "repeats"))
+    parser.add_argument("what", choices=("sizes", "repeats", "shares"))
     parser.add_argument("videos", nargs="+", type=Path)
     parser.add_argument("--frames", type=int, default=10**6)
     arguments = parser.parse_args()
+    if arguments.what == "shares":
+        print_shares(arguments.videos, arguments.frames)
+        return
     print("| video | coding | detector | peak | told | alarms (s) | pictures/s |")
     print("|---|---|---|---|---|---|---|")
     for path in arguments.videos:

@@ -155,6 +155,20 @@ def test_motion_after_a_still_start_is_answered_at_once(tmp_path: Path, pause: i
         assert record.responses["dlgmd"] == model.step(frame.astype(np.float32) / np.float32(255))
 
 
+def test_repeats_before_the_cadence_is_known_leave_no_trace() -> None:
+    """12 pictures/s in 30 frames/s, with noise: after frame 10 the responses are the same."""
+    disks = np.array(looming(120, 60, 60, 24))
+    grain = np.random.default_rng(3).standard_normal((60, 120, 120)) * 0.002
+    shown = np.clip(disks[np.arange(60) * 12 // 30] + grain, 0, 1)
+    own = list(analyse(np.clip(disks + grain[:24], 0, 1), [DEFAULT], rate=12, rmo=False))
+    for frame, record in enumerate(analyse(shown, [DEFAULT], rate=30, rmo=False)):
+        if 10 <= frame < 50:
+            one, other = record.responses["opplod"], own[frame * 12 // 30].responses["opplod"]
+            assert one is not None
+            assert other is not None
+            assert one.response == pytest.approx(other.response, rel=0.12)
+
+
 @pytest.mark.parametrize("copies", [2, 3, 4, 5])
 def test_a_response_that_was_given_never_goes_back_to_empty(copies: int) -> None:
     pictures = looming(60, 30, 30, 8)

@@ -108,6 +108,28 @@ def test_a_picture_may_be_repeated_once_more_than_the_one_before() -> None:
     assert found == "..........." + "NN.N." * 3 + "NN.N"
 
 
+def test_the_first_repeats_are_recognised_once_the_cadence_is_known() -> None:
+    moving = panned(np.arange(12) * 3.0)
+    grain = noise(24, 0.001)
+    shown = [moving[k * 12 // 30] + grain[k] for k in range(24)]
+    repeats = Repeats(RepeatParams())
+    for known in range(24):
+        repeats.step(shown[known], known / 30)
+        if repeats.is_cadence:
+            break
+    assert known == 10
+    found = repeats.again([(shown[k], k / 30) for k in range(known + 1)])
+    pictures = [k * 12 // 30 for k in range(known + 1)]
+    assert [each.passed_over for each in found] == [
+        before == now for before, now in zip([-1, *pictures], pictures, strict=False)
+    ]
+    # Pictures 0 to 4 begin at frames 0, 3, 5, 8 and 10. Their mean distance is known: 2.5 frames.
+    told = [k + 30 * each.shift_s for k, each in enumerate(found) if not each.passed_over]
+    assert told == pytest.approx([0, 2.5, 5, 7.5, 10], abs=0.5)
+    assert (repeats.near, repeats.exact) == (0, 0)
+    assert repeats.pictures_per_s(30) == pytest.approx(12, abs=1)
+
+
 @pytest.mark.parametrize("first", range(4))
 @pytest.mark.parametrize(("rate", "each"), [(30, 2), (30, 3), (60, 3), (60, 4), (30, 5)])
 def test_repeats_are_recognised_whichever_frame_of_a_picture_is_the_first(
