@@ -209,22 +209,16 @@ def default_opponency(
     compression: float,
     border: int,
     halved_weight: float,
-    between: int = 1,
     **others: Any,
 ) -> Array:
-    """R(c) of the last frame: of frames `stride` apart, and of the frame at half its size.
-
-    The frames are `between` intervals apart, of which `stride` is a multiple.
-    """
+    """R(c) of the last frame: of frames `stride` apart, and of the frame at half its size."""
     others["compression"] = compression
-    p = photoreceptors([luma[-1 - stride // between * back] for back in (3, 2, 1, 0)])
+    p = photoreceptors([luma[-1 - stride * back] for back in (3, 2, 1, 0)])
     parts = [opponency(p, border=border, **others) / stride ** (2 * compression)]
     if halved_weight:
-        times = 2 * between
-        p = photoreceptors([smaller(frame, times) for frame in luma[-4:]])
-        frame = luma[-1].shape
-        r = opponency(p, frame=frame, times=times, border=border // times, **others)
-        parts.append(halved_weight * r / between ** (2 * compression))
+        p = photoreceptors([smaller(frame, 2) for frame in luma[-4:]])
+        r = opponency(p, frame=luma[-1].shape, times=2, border=border // 2, **others)
+        parts.append(halved_weight * r)
     return np.asarray(sum(parts))
 
 

@@ -305,6 +305,14 @@ class Detector(ABC):
         return self.responses(0.0)
 
     @property
+    def interpolated(self) -> bool:
+        """Whether it also gets interpolated pictures between frames that are far apart.
+
+        A detector that does must not share layers with others.
+        """
+        return False
+
+    @property
     def maps(self) -> dict[str, Map]:
         """The layers of the latest frame by their symbols, such as ``P`` and ``S``.
 

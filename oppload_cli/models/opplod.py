@@ -18,66 +18,6 @@ if TYPE_CHECKING:
     from oppload_cli.models.detector import UnitMaps
     from oppload_cli.models.dpc import Map
     from oppload_cli.models.layers import Dpc, SharedLayer
-    from oppload_cli.models.timebase import Clock
-
-_MOST_INTERVALS = 4  # largest number of intervals over which smaller frames are compared
-_LACKING = 1 / 8  # a step that is shorter than n intervals by this share still counts as n
-_KEPT = 6  # frames for which a size that is no longer wanted is still computed
-
-
-class _SmallerFrames:
-    """The DPC layers of smaller frames, which show the direction of faster edges.
-
-    Frames that are one interval apart are compared at half their size. If frames come only every n
-    intervals, they are compared over n intervals at 1/(2n) of their size. An edge then moves by as
-    many pixels between the compared frames as with n = 1 (``docs/time.md``).
-    """
-
-    def __init__(self, shape: tuple[int, int], params: OpplodParams, clock: Clock) -> None:
-        self._shape, self._params, self._clock = shape, params, clock
-        self.reset()
-
-    def reset(self) -> None:
-        self._intervals = _intervals_of(self._clock.step)
-        # At first every size is computed, because repeats may lower the rate that a file declares.
-        self._dpcs = {n: self._new_dpc(n) for n in range(1, _MOST_INTERVALS + 1)}
-        self._unwanted = dict.fromkeys(self._dpcs, 0)  # frames since each size was wanted
-
-    def _new_dpc(self, intervals: int) -> SharedLayer[Dpc]:
-        height, width = (max(1, length // (2 * intervals)) for length in self._shape)
-        layers = Layers((height, width), self._clock)
-        return layers.dpc(self._params, self._params.both_axes, intervals)
-
-    def step(self, luma: Map, usual_step: float) -> bool:
-        """Take the next frame; return whether S was computed.
-
-        `usual_step` is the usual number of intervals from frame to frame. If another size fits it
-        better, the present size is used until the motion in the new size has lasted long enough.
-        """
-        wanted = _intervals_of(usual_step)
-        former = {n: count + 1 for n, count in self._unwanted.items() if count < _KEPT}
-        self._unwanted = former | {wanted: 0}
-        self._dpcs = {n: self._dpcs.get(n) or self._new_dpc(n) for n in self._unwanted}
-        for n, dpc in self._dpcs.items():
-            dpc.step(smaller(luma, 2 * n))
-        if self._lasts(wanted) or not self._lasts(self._intervals):
-            self._intervals = wanted
-        return self.latest[0].ready
-
-    def _lasts(self, intervals: int) -> bool:
-        dpc = self._dpcs.get(intervals)
-        return dpc is not None and dpc.layer.photoreceptors.motion_lasts
-
-    @property
-    def latest(self) -> tuple[Dpc, int]:
-        """The DPC layers of the smaller frames, and the reduction of their sides."""
-        return self._dpcs[self._intervals].layer, 2 * self._intervals
-
-
-def _intervals_of(step: float) -> int:
-    """Return the number of intervals over which to compare frames `step` intervals apart."""
-    return min(_MOST_INTERVALS, max(1, int(step / (1 - _LACKING))))
-
 
 # The paper's model, made to work, without the parts that `default` adds for videos of cameras.
 _REFERENCE = OpplodParams(
@@ -91,6 +31,7 @@ _REFERENCE = OpplodParams(
     halved_weight=0.0,
     persistence=0.0,
     light_s=0.0,
+    interpolated=False,
     adaptation_level=0.0,
     cone=90.0,
 )
@@ -185,19 +126,28 @@ class Opplod(Detector):
         own, clock, layers = self.params, self.layers.clock, self.layers
         light = own.light_s * clock.per_second
         self._light = SteadyLight(light) if light else None
-        if light or own.entering:  # these change frames or maps, which then cannot be shared
+        # These change frames or maps, or add frames, so that layers cannot be shared.
+        if self.interpolated or light or own.entering:
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(own, own.both_axes, own.stride)
-        self._bars, self._smaller = None, None
+        self._bars: Bars | None = None
+        self._smaller: SharedLayer[Dpc] | None = None
         self.judgement: PooledJudgement | PixelwiseJudgement | ArmsJudgement
         if own.judgement == "pooled":
             self._bars = Bars() if own.border else None
-            self._smaller = _SmallerFrames(shape, own, clock) if own.halved_weight else None
+            if own.halved_weight:
+                half = Layers((max(1, shape[0] // 2), max(1, shape[1] // 2)), clock)
+                self._smaller = half.dpc(own, own.both_axes)
             self.judgement = PooledJudgement(shape, own, clock.per_second)
         elif own.judgement == "arms":
             self.judgement = ArmsJudgement(shape, own, clock.per_second)
         else:
             self.judgement = PixelwiseJudgement(shape, own)
+
+    @property
+    def interpolated(self) -> bool:
+        """Whether it also gets interpolated pictures, as its parameters say."""
+        return self.params.interpolated
 
     @property
     def units(self) -> UnitMaps:
@@ -245,10 +195,10 @@ class Opplod(Detector):
             luma = self._light.step(luma, photoreceptors.usual_step)
         ready = self._dpc.step(luma)
         if self._smaller:
-            ready |= self._smaller.step(luma, photoreceptors.usual_step)
+            ready |= self._smaller.step(smaller(luma, 2))
         if not ready:
             return None
         if not isinstance(self.judgement, PooledJudgement):
             return self.judgement.judge(dpc)
-        latest = self._smaller.latest if self._smaller else None
+        latest = (self._smaller.layer, 2) if self._smaller else None
         return self.judgement.judge(dpc, latest, self._bars.widths if self._bars else NO_BARS)

@@ -128,8 +128,8 @@ class OpplodParams(DpcParams):
     )
     halved_weight: float = parameter(
         2.0,
-        "weight of the R that is added from the frame at half its size (smaller still at low frame "
-        "rates), compared over one interval; only with judgement=pooled; 0: none is added",
+        "weight of the R that is added from the frame at half its size, compared over one "
+        "interval; only with judgement=pooled; 0: none is added",
         low=0,
         high=1000,
     )
@@ -177,6 +177,10 @@ class OpplodParams(DpcParams):
         low=0,
         high=60,
     )
+    interpolated: bool = parameter(
+        True,
+        "True: frames that are more than an interval apart get interpolated pictures in between",
+    )
     cone: float = parameter(
         60.0,
         "motion counts as outward (inward) if the angle between it and the line from (to) the "
@@ -218,7 +222,7 @@ class OpplodParams(DpcParams):
         literal = {"cell": 1, "cone": 90, "compression": 1, "stride": 1}
         literal |= dict.fromkeys(("border", "entering", "pool_sigma", "periphery"), 0)
         literal |= dict.fromkeys(("halved_weight", "persistence", "history"), 0)
-        literal |= dict.fromkeys(("adaptation_level", "light_s"), 0)
+        literal |= dict.fromkeys(("adaptation_level", "light_s", "interpolated"), 0)
         for name, value in literal.items():
             if getattr(self, name) != value:
                 raise ParameterError(

@@ -429,12 +429,31 @@ class DetectorBank:
             If a detector returns something other than None or a valid instance of its `responses`,
             or if a detector that a user has registered raises an error.
         """
+        self.see(luma, time_s)
+        return self.respond(luma, time_s)
+
+    def see(self, luma: Map, time_s: float | None = None) -> None:
+        """Take the next frame for `photoreceptors` and `luma_change`; `respond` must follow."""
+        self._layers.clock.time_s = time_s
+        self._photoreceptors.step(luma)
+
+    def respond(
+        self, luma: Map, time_s: float | None, *, between: bool = False
+    ) -> dict[str, Response | None]:
+        """Return the responses to the frame that was seen, or to a picture before it (`between`).
+
+        Only detectors that are `interpolated` respond to pictures between frames. Arguments and
+        errors are those of `step`.
+        """
         self._layers.clock.time_s = time_s
         # A detector must not write into the frame, since the others get the same frame.
         luma = luma.view()
         luma.flags.writeable = False
-        self._photoreceptors.step(luma)
-        responses = {name: _response_of(each, luma) for name, each in self.detectors.items()}
+        responses = {
+            name: _response_of(each, luma)
+            for name, each in self.detectors.items()
+            if each.interpolated or not between
+        }
         self.responded |= {name for name, each in responses.items() if each is not None}
         return {n: self._at_rest(n) if each is None else each for n, each in responses.items()}
 

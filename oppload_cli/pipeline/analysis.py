@@ -26,6 +26,7 @@ from oppload_cli.models.registry import DetectorBank, default_names, detector_of
 from oppload_cli.models.timebase import NEARLY_ONE, TimeParams, time_params
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.rmo import DEFAULT_RMO, RmoMetrics, RmoParams
+from oppload_cli.pipeline.interpolation import Interpolation
 from oppload_cli.pipeline.repeats import Repeat, RepeatParams, Repeats
 from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
 from oppload_cli.processes.threads import Prefetch
@@ -443,6 +444,9 @@ class _Detectors:
         self._first_s = 0.0
         self._cuts = Cuts(chosen.alarm)
         self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
+        self._interpolation = Interpolation()
+        self._interpolates = any(each.interpolated for each in self._bank.detectors.values())
+        self._before_s = self._taken_s = 0.0  # times of that frame: presented, taken
         self._latest: FrameRecord | None = None  # of the latest frame that the detectors got
         self._passed_over_s: list[float] = []  # times of the frames after this one
         self._places = {
@@ -465,24 +469,10 @@ class _Detectors:
         self.count += 1
         if repeat.held and self._latest is not None:
             return _held(self._latest, prepared)
-        responses = self._responses(prepared)
+        blind = "" if repeat.passed_over else self._see(prepared.frame, repeat)
         change = 0.0 if repeat.kind else self._bank.luma_change
-        blind = ""
-        if not repeat.passed_over:
-            blind = self._cuts.step(self._bank.photoreceptors, change, time_s)
-        found = {
-            name: () if repeat.kind else self._found(name, responses[name], prepared)
-            for name in self._places
-        }
-        # The alarm uses the time to contact of the object with the largest response.
-        contacts = {name: each[0].time_to_contact_s for name, each in found.items() if each}
-        alarms = {
-            name: each is not None
-            and self._alarms[name].step(
-                each.response, time_s, contact_s=contacts.get(name), blind=bool(blind)
-            )
-            for name, each in responses.items()
-        }
+        responses = self._responses(prepared)
+        found, alarms = self._judged(responses, prepared.frame, repeat, blind)
         thresholds = {name: alarm.threshold for name, alarm in self._alarms.items()}
         found = {
             name: self._places[name].with_alarm(
@@ -508,19 +498,37 @@ class _Detectors:
             self._latest = record
         return record
 
+    def _see(self, frame: Frame, repeat: Repeat) -> str:
+        """Show the detectors what comes before a frame; return why the frame is blind, if it is."""
+        bank, luma, taken_s = self._bank, frame.luma, frame.time_s + repeat.shift_s
+        if repeat.still_begins:
+            # The frames that were passed over are no repeats: the detectors get them now.
+            for passed_over_s in self._passed_over_s:
+                bank.step(luma, passed_over_s)
+                self._before_s = self._taken_s = passed_over_s
+        self._passed_over_s.clear()
+        bank.see(luma, taken_s)
+        change = 0.0 if repeat.kind else bank.luma_change
+        blind = self._cuts.step(bank.photoreceptors, change, frame.time_s)
+        if self._per_second and self._interpolates:
+            times_s = (self._before_s, frame.time_s), (self._taken_s, taken_s)
+            elapsed = (taken_s - self._taken_s) * self._per_second
+            for share, picture in self._interpolation.step(luma, elapsed):
+                shown_s, time_s = (then + share * (now - then) for then, now in times_s)
+                responses = bank.respond(picture, time_s, between=True)
+                between = replace(frame, time_s=shown_s, luma=picture)
+                self._judged(responses, between, Repeat(shift_s=time_s - shown_s), blind)
+        self._before_s, self._taken_s = frame.time_s, taken_s
+        return blind
+
     def _responses(self, prepared: _Prepared) -> dict[str, Response | None]:
-        bank, luma, repeat = self._bank, prepared.frame.luma, prepared.repeat
-        time_s = prepared.frame.time_s
+        """Return the responses to a frame that the detectors have seen, or that is a repeat."""
+        bank, time_s, repeat = self._bank, prepared.frame.time_s, prepared.repeat
         responses: dict[str, Response | None] = {}
         if repeat.passed_over:
             self._passed_over_s.append(time_s)
         else:
-            if repeat.still_begins:
-                # The frames that were passed over are no repeats: the detectors get them now.
-                for passed_over_s in self._passed_over_s:
-                    bank.step(luma, passed_over_s)
-            self._passed_over_s.clear()
-            responses = bank.step(luma, time_s + repeat.shift_s)
+            responses = bank.respond(prepared.frame.luma, time_s + repeat.shift_s)
         if not repeat.kind:
             return responses
         # If nothing changed, every detector responds with 0, whatever its earlier responses.
@@ -529,8 +537,28 @@ class _Detectors:
             lasted = (time_s - self._first_s) * self._per_second
         return bank.at_rest(lasted + NEARLY_ONE)
 
+    def _judged(
+        self, responses: dict[str, Response | None], frame: Frame, repeat: Repeat, blind: str
+    ) -> tuple[dict[str, tuple[Detection, ...]], dict[str, bool]]:
+        """Return the looming objects and the alarms at a frame, or at a picture between frames."""
+        found = {
+            name: () if repeat.kind else self._found(name, responses[name], frame, repeat.shift_s)
+            for name in self._places
+            if name in responses
+        }
+        # The alarm uses the time to contact of the object with the largest response.
+        contacts = {name: each[0].time_to_contact_s for name, each in found.items() if each}
+        alarms = {
+            name: each is not None
+            and self._alarms[name].step(
+                each.response, frame.time_s, contact_s=contacts.get(name), blind=bool(blind)
+            )
+            for name, each in responses.items()
+        }
+        return found, alarms
+
     def _found(
-        self, name: str, response: Response | None, prepared: _Prepared
+        self, name: str, response: Response | None, frame: Frame, shift_s: float
     ) -> tuple[Detection, ...]:
         if response is None:
             return ()
@@ -540,7 +568,6 @@ class _Detectors:
         else:
             # Growth is measured between the times at which pictures were taken. But the time to
             # contact counts from the presentation time of the frame.
-            shift_s, frame = prepared.repeat.shift_s, prepared.frame
             found = places.step(units, frame.luma, frame.time_s + shift_s)
             if shift_s:
                 found = tuple(each.after(-shift_s) for each in found)

@@ -192,16 +192,11 @@ def random_frames() -> list[Luma]:
         {"halved_weight": 1.5},
         {"halved_weight": 3, "border": 4, "axes": 0},
         {"stride": 2, "halved_weight": 1.5, "compression": 0.5, "border": 4, "cone": 60},
-        {"stride": 2, "halved_weight": 1.5, "between": 2},
-        {"stride": 2, "halved_weight": 3, "between": 2, "compression": 0.5, "border": 4},
-        {"stride": 3, "halved_weight": 5, "between": 3, "compression": 0.5, "border": 6},
     ],
 )
 def test_opponency_agrees_with_the_literal_reference(changes: dict[str, Any]) -> None:
     frames = random_frames()
-    chosen = {name: value for name, value in changes.items() if name != "between"}
-    rate = 30 / changes.get("between", 1)
-    model = Opplod(SHAPE, SMALL.replaced(**chosen), frame_rate=rate)
+    model = Opplod(SHAPE, SMALL.replaced(**changes))
     answer = [model.step(frame) for frame in frames][-1]
     parts = {
         "axes": 45,

@@ -129,7 +129,7 @@ def test_the_time_to_contact_goes_by_the_times_at_which_pictures_were_taken(pict
         if each and (left := each.time_to_contact_s)
     ]
     assert len(errors) > 16
-    assert np.abs(errors).max() < 0.02
+    assert np.abs(errors).max() < 0.025
 
 
 def test_a_scene_that_stands_still_is_seen_by_the_models(tmp_path: Path) -> None:
@@ -166,7 +166,7 @@ def test_repeats_before_the_cadence_is_known_leave_no_trace() -> None:
             one, other = record.responses["opplod"], own[frame * 12 // 30].responses["opplod"]
             assert one is not None
             assert other is not None
-            assert one.response == pytest.approx(other.response, rel=0.12)
+            assert one.response == pytest.approx(other.response, rel=0.2)
 
 
 @pytest.mark.parametrize("copies", [2, 3, 4, 5])

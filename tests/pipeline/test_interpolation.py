@@ -1,0 +1,94 @@
+"""Pictures between frames that are more than an interval apart."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli import Analysis, DlgmdParams, analyse
+from oppload_cli.pipeline.interpolation import Interpolation
+from tests.media import disk, texture
+from tests.presets import DEFAULT, REFERENCE
+
+if TYPE_CHECKING:
+    from tests.media import Luma
+
+
+def moved(shift: float) -> Luma:
+    by = np.array([[1, 0, shift], [0, 1, 0]], np.float32)
+    wide = cv2.GaussianBlur(texture(80, 160, 5), (0, 0), 2)
+    return np.asarray(cv2.warpAffine(wide, by, (120, 80), flags=cv2.INTER_CUBIC), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("intervals", "count"),
+    [(0.5, 1), (1, 1), (1.25, 1), (1.5, 1), (2, 2), (2.5, 2), (3, 3), (6, 6), (7, 1), (60, 1)],
+)
+def test_the_number_of_pictures_follows_the_time(intervals: float, count: int) -> None:
+    interpolation = Interpolation()
+    assert list(interpolation.step(moved(0), 0)) == []
+    shares = [share for share, _ in interpolation.step(moved(-4), intervals)]
+    assert shares == pytest.approx([number / count for number in range(1, count)])
+
+
+def test_what_moves_is_halfway_in_between() -> None:
+    interpolation = Interpolation()
+    list(interpolation.step(moved(0), 0))
+    [(share, picture)] = interpolation.step(moved(-6), 2)
+    assert share == 0.5
+    inner = np.s_[10:-10, 15:-15]
+    error = np.abs(picture - moved(-3))[inner].mean()
+    assert error < 0.1 * np.abs(moved(0) - moved(-3))[inner].mean()
+    assert picture.dtype == np.float32
+
+
+def test_frames_that_are_too_small_for_the_flow_get_no_pictures() -> None:
+    interpolation = Interpolation()
+    for _ in range(2):
+        assert list(interpolation.step(np.zeros((15, 60), np.float32), 2)) == []
+
+
+def test_only_the_preset_for_cameras_sees_pictures_in_between() -> None:
+    """At 15 frames/s the default responds nearly as at 30; the others do as without pictures."""
+    radii = 3 + 60 * (np.arange(31) / 30) ** 2
+    frames = np.array([disk(120, 60, 60, radius) for radius in radii])
+    for params in (REFERENCE, DlgmdParams()):
+        plain = [Analysis((120, 120), [params], rate=15) for _ in range(2)]
+        plain[1]._detectors._interpolates = True
+        for one in range(0, 31, 2):
+            first, second = (each.step(frames[one], one / 30) for each in plain)
+            assert first.responses == second.responses
+    peaks = {}
+    for interpolated in (True, False):
+        params = DEFAULT.replaced(interpolated=interpolated)
+        for every in (1, 2):
+            records = analyse(frames[::every], [params], rate=30 / every, rmo=False)
+            found = [record.responses["opplod"] for record in records]
+            peaks[interpolated, every] = max(each.response for each in found if each)
+    assert peaks[True, 1] == peaks[False, 1] > 0
+    assert peaks[True, 2] / peaks[True, 1] == pytest.approx(1, abs=0.3)
+    assert peaks[False, 2] / peaks[False, 1] < 0.8
+
+
+def test_a_cut_at_a_low_rate_causes_no_alarm() -> None:
+    """The pictures between two scenes are blends; they are blind like the frame after them."""
+    one, other = texture(120, 160, 1), texture(120, 160, 2)
+    shown = np.array([*([one] * 12), *([other] * 12)])
+    grain = np.random.default_rng(1).normal(0, 0.01, shown.shape)
+    records = list(analyse(np.clip(shown + grain, 0, 1), rate=15, preset="default", rmo=False))
+    assert [record.blind for record in records[12:15]] == ["cut"] * 3
+    assert not any(record.alarms["opplod"] for record in records)
+
+
+def test_a_rest_before_motion_keeps_the_times_in_order() -> None:
+    """Exact repeats are shown to the detectors late; no picture comes before them."""
+    moving = [disk(120, 60, 60, 5 + 2 * t) for t in range(16)]
+    frames = np.array([*([moving[0]] * 10), *moving[1:]])
+    analysis = Analysis((120, 120), [DEFAULT], rate=15)
+    for t, frame in enumerate(frames):
+        analysis.step(frame, t / 15)
+    dpc = analysis._detectors._bank.detectors["opplod"]._dpc.layer  # type: ignore[attr-defined]
+    assert dpc.photoreceptors._now == pytest.approx(2 * (len(frames) - 1))
