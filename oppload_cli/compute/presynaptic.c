@@ -38,14 +38,15 @@ int folded(void) { return FOLDED; }
 HELD void fold(const float *row, int x, int width, int reach, float *out)
 {
     float line[STRIP + 2 * MOST_REACH];
-    const float *centre = row + x;
-    if (!row || x < reach || x + STRIP + reach > width) {
+    const float *centre = line + reach;
+    if (row && x >= reach && x + STRIP + reach <= width) {
+        centre = row + x;
+    } else {
         memset(line, 0, sizeof line);
         int first = x < reach ? 0 : x - reach;
         int last = x + STRIP + reach > width ? width : x + STRIP + reach;
         if (row)
             memcpy(line + first - x + reach, row + first, (size_t)(last - first) * sizeof(float));
-        centre = line + reach;
     }
     for (int k = 0; k < STRIP; k += LANES) STORE(out + k, LOAD(centre + k));
     for (int dx = 1; dx <= reach; dx++) {
