@@ -53,6 +53,8 @@ def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
     processor time that each model takes for a frame of 427 x 240 on one core.
     """
     if measure:
+        if as_json:
+            raise ParameterError("--measure prints no JSON; leave out --json")
         for each in [detector_named(name) for name in names] or list(detectors().values()):
             click.echo(f"{each.name:<20}{_measured_cost(each):>8.2f} ms per frame")
         return

@@ -167,8 +167,10 @@ def check_models(names: Iterable[str], command: str) -> None:
             )
 
 
-def check_assignments(assignments: Iterable[str], models: Sequence[str]) -> None:
-    """Raise ParameterError if a value of ``--set`` belongs to a detector that does not run."""
+def check_assignments(
+    assignments: Iterable[str], models: Sequence[str], *, measure_rmo: bool
+) -> None:
+    """Raise ParameterError if a value of ``--set`` belongs to a part that does not run."""
     from oppload_cli.models.registry import known_names
 
     idle = set(known_names()) - set(models)
@@ -178,6 +180,10 @@ def check_assignments(assignments: Iterable[str], models: Sequence[str]) -> None
             raise ParameterError(
                 f"--set {text} has no effect, as '{name}' does not run; give --model {name} too, "
                 "or leave it out"
+            )
+        if name == "rmo" and not measure_rmo:
+            raise ParameterError(
+                f"--set {text} has no effect, as RMO is not measured; leave it out"
             )
 
 

@@ -354,7 +354,10 @@ def _clip_of(result: BaseResult, manifest: Manifest) -> Label | None:
 
 def _time_of(result: BaseResult, text: str, label: str) -> float:
     """Return the time of a position such as 1.5 or f50 in a result."""
-    position = parse_position(text)
+    try:
+        position = parse_position(text)
+    except ParameterError as error:
+        raise ParameterError(f"--{label}: {error}") from error
     if position.seconds is not None:
         return position.seconds
     rows = result.frames.loc[result.frames["frame"] == position.frame, "time_s"]

@@ -92,7 +92,7 @@ def run_inputs(
     """
     check_models(chosen["models"], "run")
     settings = resolve(**chosen)
-    check_assignments(chosen["assignments"], settings.models)
+    check_assignments(chosen["assignments"], settings.models, measure_rmo=settings.measure_rmo)
     _check_options(options, settings)
     for note in () if options.quiet else _notes(settings):
         say(f"oppload: {note}")
@@ -122,6 +122,8 @@ def _check_options(options: RunOptions, settings: Settings) -> None:
     """Raise ParameterError if options contradict each other or the settings."""
     if options.boxes != "alarm" and not options.annotate:
         raise ParameterError("--boxes has no effect without --annotate; give both or neither")
+    if options.quiet and options.verbose:
+        raise ParameterError("--quiet and --verbose exclude each other; give one of them")
     if options.null and not options.files_from:
         raise ParameterError("--null has no effect without --files-from; give both or neither")
     if options.fail_on and not settings.alarm.on:
@@ -253,8 +255,13 @@ def _only(inputs: tuple[str, ...], options: RunOptions) -> str:
     if options.annotate or options.report_pages:
         option = "--annotate" if options.annotate else "--report"
         raise ParameterError(f"{option} writes a file; give a folder with --output, not '-'")
-    if len(inputs) != 1 or options.for_many or options.dry_run:
+    if len(inputs) != 1:
         raise ParameterError("'-o -' streams one input; give one, or a folder with --output")
+    if options.for_many or options.dry_run:
+        raise ParameterError(
+            "'-o -' streams one input at once; leave out --recursive, --files-from, --shard, "
+            "--scheduler and --dry-run, or give a folder with --output"
+        )
     return inputs[0]
 
 

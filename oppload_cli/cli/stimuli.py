@@ -58,7 +58,7 @@ def list_stimuli(patterns: tuple[str, ...], as_json: bool) -> None:
     click.echo(_table(listed))
 
 
-@stimuli.command()
+@stimuli.command(short_help="Show a protocol with its values and its file.")
 @click.argument("name", metavar="NAME|FILE", shell_complete=complete_stimuli)
 @click.option("--json", "as_json", is_flag=True, help="The resolved protocols as a JSON list.")
 @change_option

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from oppload_cli.cli.options import (
     settings_options,
 )
 from oppload_cli.cli.stimuli import say_remarks
-from oppload_cli.errors import ResultError
+from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.processes import cores
@@ -103,10 +104,12 @@ def tune(
 
     if (stimulus is None) == (not figures):
         raise click.UsageError("give a STIMULUS or --figure NAME, one of the two")
+    if math.isnan(indicator_s):  # FloatRange lets it pass
+        raise ParameterError("--indicator must be 0 to 60 seconds, not nan")
     values = dict(parsed_setting(text) for text in changes)
     check_models(chosen["models"], "tune")
     for sweep in sweeps(stimulus, figures, values, over, chosen | {"usual": STUDY_PRESET}):
-        check_assignments(chosen["assignments"], sweep.settings.models)
+        check_assignments(chosen["assignments"], sweep.settings.models, measure_rmo=False)
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
         kept = [table, table.with_suffix(".json")]
         kept += [table.with_suffix(f".{form}")] if form != "none" else []

@@ -280,7 +280,9 @@ def names_of(text: str) -> tuple[str, ...]:
     names: list[str] = []
     for part in text.split(","):
         name, _, variant = part.strip().partition(":")
-        if name == ALL and variant in {"", *PRESETS}:
+        if name == ALL:
+            if variant:
+                preset_named(variant)  # raises the error of an unknown preset
             names += [one for one, each in detectors().items() if not each.variant_of]
             continue
         detector_named(name)
@@ -291,9 +293,12 @@ def names_of(text: str) -> tuple[str, ...]:
             names.append(full)
             continue
         if variant and variant not in PRESETS and (variant != _LITERAL or not variants):
+            if not variants:
+                preset_named(variant)  # raises the same error
             known = [_LITERAL, *(one.removeprefix(f"{name}_") for one in variants)]
-            has = f"it has {' and '.join(known)}" if variants else "it has none; see --preset"
-            raise ParameterError(f"model '{name}' has no variant '{variant}': {has}")
+            raise ParameterError(
+                f"model '{name}' has no variant '{variant}': it has {' and '.join(known)}"
+            )
         names.append(name)
     return tuple(dict.fromkeys(names))
 

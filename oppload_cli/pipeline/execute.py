@@ -186,7 +186,7 @@ def _write_stream(run: _Run) -> None:
         raise  # the program that reads the pipe has ended, which is no error
     except OSError as error:
         raise OutputError(
-            f"standard output: cannot be written ({reason_of(error)}); free it"
+            f"standard output: cannot be written ({reason_of(error)}); check the place it goes to"
         ) from error
 
 

@@ -234,6 +234,8 @@ def resolve(
         "columns": columns,
     }
     if repeats:
+        if any(each.partition("=")[0].strip() == "repeats.handling" for each in assignments):
+            raise ParameterError("--repeats and --set repeats.handling are the same; give one")
         assignments = [*assignments, f"repeats.handling={repeats}"]
     return _with_command_line(settings, options, assignments)
 

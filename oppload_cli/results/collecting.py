@@ -112,6 +112,8 @@ def collect(
     refuse_existing([output], if_exists)
     found: dict[tuple[str, str], tuple[Path, Path]] = {}  # by real folder and name: each once
     for folder in folders:
+        if is_file(folder):
+            raise ResultError(f"{folder}: is a file; give the folder of the results")
         for path in _found_results(folder):
             found.setdefault((os.path.realpath(path.parent), path.name), (path, folder))
     results = found.values()

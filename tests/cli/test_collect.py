@@ -153,6 +153,7 @@ def test_wrong_use(results: Path, tmp_path: Path) -> None:
         (results, "there.csv", "exists already; choose --if-exists overwrite"),
         (results, "all.xlsx", "is neither .csv nor .parquet"),
         (tmp_path / "empty", "all.csv", "holds no result of 'oppload run'"),
+        (tmp_path / "there.csv", "all.csv", "is a file; give the folder of the results"),
         (tmp_path / "missing", "all.csv", "cannot be read (no such file or directory)"),
     ):
         done = oppload("collect", folder, "-o", tmp_path / name)

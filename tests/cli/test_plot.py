@@ -84,7 +84,7 @@ WRONG: list[tuple[str, Callable[[], list[Row]], list[str], str]] = [
         ["--onset", "f99"],
         "a.frames.csv ends at frame 39; give a later time",
     ),
-    ("a wrong mark", frame_rows, ["--contact", "soon"], "'soon' is no position"),
+    ("a wrong mark", frame_rows, ["--contact", "soon"], "--contact: 'soon' is no position"),
     (
         "an onset after the contact",
         frame_rows,

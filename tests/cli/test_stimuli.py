@@ -177,7 +177,7 @@ def test_existing_files(tmp_path: Path) -> None:
     first = path.read_bytes()
     found = problem(run(*words))
     assert isinstance(found, OutputError)
-    assert "klapoetke2017_loom.avi exists already; use --if-exists skip or overwrite" in str(found)
+    assert "klapoetke2017_loom.avi: exists already; choose --if-exists overwrite or" in str(found)
     changed = (*words, "--change", "disk.luminance=0.4")
     kept = run(*words, "--if-exists", "skip")
     assert (kept.exit_code, kept.stdout) == (0, "")

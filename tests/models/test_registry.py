@@ -120,6 +120,9 @@ def test_the_names_that_a_user_may_write() -> None:
     assert registry.names_of("all") == tuple(name for name in NAMES if name not in variants)
     with pytest.raises(ParameterError, match="has no variant 'old': it has literal and paper"):
         registry.names_of("lgmd1_group:old")
+    for name in ("opplod:defualt", "all:defualt"):
+        with pytest.raises(ParameterError, match="no preset 'defualt'; did you mean 'default'"):
+            registry.names_of(name)
     assert registry.names_of("opplod:paper") == ("opplod",)  # a preset
     assert registry.names_of("all:paper") == registry.names_of("all")
     assert preset_in(["all:paper"]) == "paper"
