@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from oppload_cli.models.detector import Column
-    from oppload_cli.schema import Parameters
+    from oppload_cli.schema import Parameter, Parameters
 
 DOCS = Path(__file__).parent
 EXITS = {
@@ -59,9 +59,8 @@ def parameters() -> str:
         "# Parameters",
         "Set a parameter with `--set set.parameter=value`, or in a configuration file: see"
         " `oppload config`.",
-        "The default *auto* follows from the video: from its working height or its frame rate."
-        " The defaults are those of preset `default`; `oppload models PRESET` lists what a"
-        " preset changes.",
+        "The default *auto* follows from the working height of the video. The defaults are those"
+        " of preset `default`; `oppload models PRESET` lists what a preset changes.",
         "",
     ]
     for name, (meaning, kind) in parameter_sets().items():
@@ -85,11 +84,18 @@ def evaluation() -> str:
 def rows(kind: type[Parameters]) -> Iterable[tuple[str, ...]]:
     """Yield a row per parameter of a set."""
     for each in kind.declared():
-        bounds = " to ".join("" if end is None else f"{end:g}" for end in (each.low, each.high))
-        allowed = ", ".join(str(choice) for choice in each.choices)
         default = "auto" if each.default is None else str(each.default)
-        span = allowed or (bounds if bounds.strip() != "to" else "")
-        yield f"`{each.name}`", default, each.unit, span, each.meaning
+        yield f"`{each.name}`", default, each.unit, span(each), each.meaning
+
+
+def span(of: Parameter) -> str:
+    """Return the allowed values of a parameter in words."""
+    if of.choices:
+        return ", ".join(map(str, of.choices))
+    if of.low is not None and of.high is not None:
+        return f"{of.low:g} to {of.high:g}"
+    ends = {"at least": of.low, "above": of.above, "at most": of.high}
+    return ", ".join(f"{word} {end:g}" for word, end in ends.items() if end is not None)
 
 
 def columns(these: Iterable[Column]) -> str:

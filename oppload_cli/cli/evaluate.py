@@ -16,7 +16,6 @@ from oppload_cli.cli.options import (
     jobs_option,
     names_in,
     output_option,
-    quiet_option,
     repeats_option,
 )
 from oppload_cli.errors import ExitCode
@@ -77,7 +76,7 @@ from oppload_cli.processes import cores
     help="Draws of the bootstrap that gives the intervals.",
 )
 @if_exists_option("a result")
-@quiet_option
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
 def evaluate(
     inputs: tuple[str, ...],
     models: tuple[str, ...],

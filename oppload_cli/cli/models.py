@@ -137,7 +137,8 @@ def _median_cost(detector: type[Detector], texture: NDArray[np.float64]) -> floa
 
 def _facts(detector: type[Detector]) -> Iterator[str]:
     if detector.reference:
-        yield f"source: {detector.reference}{f', {detector.year}' if detector.year else ''}"
+        known = not detector.year or str(detector.year) in detector.reference
+        yield f"source: {detector.reference}{'' if known else f', {detector.year}'}"
     if detector.answers_to:
         yield f"responds to: {detector.answers_to}"
     if detector.made_for:
@@ -165,7 +166,7 @@ def _lines(params: type[Parameters]) -> Iterator[str]:
 
 
 def _entries(params: type[Parameters]) -> Iterator[dict[str, Any]]:
-    facts = "name", "default", "meaning", "unit", "low", "high"
+    facts = "name", "default", "meaning", "unit", "low", "above", "high"
     for each in params.declared():
         yield {fact: getattr(each, fact) for fact in facts} | {"choices": list(each.choices)}
 

@@ -161,7 +161,9 @@ def plot(
             continue
         target = output or _beside(group[0], *kinds[group[0]])
         style.save(figure, target)
-        click.echo("\n".join([*lines, str(target)]))
+        for line in lines:
+            say(line)
+        click.echo(target)
         if show:
             show_file(target)
     if failures and len(failures) == len(paths):

@@ -270,11 +270,11 @@ def test_polar_prints_peak_and_selectivity(tmp_path: Path, capsys: Capture) -> N
     done = run(capsys, "plot", path, "--kind", "polar")
     assert done.returncode == 0
     assert (
-        "OppLoD: peak 3 (arbitrary unit) at 0 deg, direction selectivity index 0.500" in done.stdout
+        "OppLoD: peak 3 (arbitrary unit) at 0 deg, direction selectivity index 0.500" in done.stderr
     )
-    assert "LPLC2" not in done.stdout
+    assert "LPLC2" not in done.stderr
     overlaid = run(capsys, "plot", path, "--lplc2", "60")
-    assert "LPLC2, 60 deg bar: peak 0.23 (of the loom)" in overlaid.stdout
+    assert "LPLC2, 60 deg bar: peak 0.23 (of the loom)" in overlaid.stderr
 
 
 def test_show_needs_a_display(

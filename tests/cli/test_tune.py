@@ -70,7 +70,7 @@ def test_a_classic_figure_is_drawn_as_its_kind(tmp_path: Path, capsys: Capture) 
     assert run(capsys, *arguments, "--if-exists", "overwrite").returncode == 0
     assert [(tmp_path / name).read_bytes() for name in (names[0], names[2])] == before
     drawn = run(capsys, "plot", tmp_path / names[0], "-o", tmp_path / "a.svg", "--no-published")
-    assert drawn.stdout.splitlines()[0] in done.stderr
+    assert drawn.stderr.splitlines()[0] in done.stderr
     assert drawn.returncode == 0
 
 
