@@ -143,6 +143,8 @@ def _facts(detector: type[Detector]) -> Iterator[str]:
         yield f"responds to: {detector.answers_to}"
     if detector.made_for:
         yield f"made for: {detector.made_for}"
+    if detector.places:
+        yield "places: a box for each looming object"
     if detector.cost_ms:
         yield f"cost: about {detector.cost_ms:g} ms per frame of 427 x 240 on one core"
 

@@ -52,6 +52,7 @@ def test_models_lists_every_parameter_once_defined() -> None:
     grouping = described["parameters"]["lgmd1_group"][2]
     assert [grouping[end] for end in ("low", "above", "high")] == [None, 0, 1000]
     assert "source: after Hua et al. 2022\n" in oppload("models", "hua_literal").stdout
+    assert oppload("models", "ttc_gradient", "dlgmd").stdout.count("places: a box") == 1
     text = oppload("models", "paper", "reference").stdout
     assert "opplod.judgement = pixelwise" in text
     assert "alarm.opplod_floor = 0.0008" in text
