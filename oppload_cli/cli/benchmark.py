@@ -72,10 +72,10 @@ def benchmark(
     detectors = chosen_detectors(names_in(models))
     tables = [table.name for table in TABLES if table.name in chosen or not chosen]
     settings = settings_of(detectors, tables, manifest)
+    read = read_manifest(manifest) if manifest else None
     make_folder(output)
     if if_exists == "error":
         refuse_other(output, settings)
-    read = read_manifest(manifest) if manifest else None
     counts: list[int] = []
     with progress_bar(None, "stimulus", quiet=quiet) as bar:
 

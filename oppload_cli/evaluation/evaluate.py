@@ -96,6 +96,7 @@ def evaluate(
         reasons = [each.removeprefix(f"{manifest.path}: ") for each in shown[:_MOST_REASONS]]
         if len(shown) > _MOST_REASONS:
             reasons.append(f"and {len(shown) - _MOST_REASONS} more rows")
+        reasons = reasons or ["add a row for each clip"]
         raise SourceError("; ".join([f"{manifest.path}: names no clip that can be used", *reasons]))
     looming = [clip.label.looming for clip in clips]
     weights = draws_of(looming, draws, videos=videos_of(clips))

@@ -400,7 +400,10 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
             else:
                 size = source.display.width, source.display.height
                 truth = stimulus.ground_truth(source)
-        except (SourceError, StimulusError) as problem:
+        except SourceError as problem:
+            faults.append(str(problem))  # begins with the video
+            continue
+        except StimulusError as problem:
             faults.append(f"{name}: {problem}")
             continue
         for label in _labels_of(name, truth, video, size):

@@ -269,11 +269,13 @@ def test_the_shades_end_at_the_responses() -> None:
         ("--model", "lgmd3", "no model 'lgmd3'; did you mean"),
         ("--model", "opplod:robust", "no model 'opplod:robust'"),
         ("--only", "sped", "no table 'sped'"),
+        ("--manifest", "no.csv", "no.csv: cannot be read"),
     ],
 )
 def test_wrong_names_are_refused(
     option: str, value: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    done = inside.run(capsys, "benchmark", "-o", tmp_path, option, value)
+    done = inside.run(capsys, "benchmark", "-o", tmp_path / "new", option, value)
     assert done.returncode == 2
     assert message in done.stderr
+    assert not (tmp_path / "new").exists()

@@ -254,6 +254,9 @@ def test_wrong_use(evaluated: Path, labelled: Path, tmp_path: Path, capsys: Capt
     empty.write_text("file,label,onset_frame,contact_frame\nno.avi,none,,\n")
     done = run(capsys, "evaluate", empty, "-o", tmp_path / "out")
     assert (done.returncode, "names no clip that can be used" in done.stderr) == (3, True)
+    empty.write_text("file,label,onset_frame,contact_frame\n")
+    done = run(capsys, "evaluate", empty, "-o", tmp_path / "out")
+    assert done.stderr.endswith("names no clip that can be used; add a row for each clip\n")
     for name in ("a.avi", "b.avi"):
         (tmp_path / name).write_text("no video")
     empty.write_text("file,label,onset_frame,contact_frame\na.avi,none,,\nb.avi,none,,\n")

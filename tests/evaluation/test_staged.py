@@ -374,10 +374,13 @@ def test_the_boxes_of_a_scaled_video_are_in_its_own_pixels(tmp_path: Path) -> No
         write_video(tmp_path / f"{name}.avi", grey_frames(frames, width, 24))
         (tmp_path / f"{name}.stimulus.json").write_text(json.dumps(truth))
     videos = [str(tmp_path / f"{name}.avi") for name in ("half", "other", "long")]
+    (tmp_path / "empty.avi").touch()
+    videos.append(str(tmp_path / "empty.avi"))
     found = clips_of([*videos, videos[0]], None, [], [])  # each video counts once
     (label,) = (entry.label for entry in found.entries)
     complete = label_of(HIT, *CHANGES)
     assert label.boxes == {
         frame: tuple(side / 2 for side in box) for frame, box in complete.boxes.items()
     }
-    assert ["belongs to another video" in fault for fault in found.faults] == [True, True]
+    assert ["belongs to another video" in fault for fault in found.faults] == [True, True, False]
+    assert found.faults[2].startswith(f"{videos[3]}: the file is empty")
