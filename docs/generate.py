@@ -21,11 +21,13 @@ DOCS = Path(__file__).parent
 EXITS = {
     ExitCode.DONE: "done",
     ExitCode.BUG: "a bug of oppload",
-    ExitCode.USAGE: "wrong use, or a result that cannot be written; no result for `collect`",
-    ExitCode.NOTHING_READ: "nothing could be read: no input, or none of the results of `collect`",
+    ExitCode.USAGE: "wrong use, or a result that cannot be written; no result for `collect`, or"
+    " none that `plot` and `report` can read",
+    ExitCode.NOTHING_READ: "nothing could be read: no input, no clip of `evaluate`, or none of the"
+    " results of `collect`; also if the system has no further memory, processes or open files",
     ExitCode.INCOMPLETE: "done but incomplete: a damaged or truncated input, or some inputs failed",
     ExitCode.CONDITION_MET: "a condition of `--fail-on` was met",
-    ExitCode.INTERRUPTED: "interrupted",
+    ExitCode.INTERRUPTED: "interrupted, or the program that reads standard output has ended",
 }
 
 
