@@ -3,21 +3,25 @@
 A signal handler that raises an exception can interrupt anything. An extension module that is being
 loaded may crash then, and a callback from C loses the exception. So the first signal only sets the
 flag, and :func:`stop_if_asked` raises the exception where it is safe to stop. The second signal has
-the system's default action: it ends the process.
+the system's default action: it ends the process. Only in the moment after the first signal it has
+no effect, as ``timeout`` and others send each signal twice: to the process, and to its group.
 """
 
 from __future__ import annotations
 
 import signal
+import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import FrameType
 
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 POLL_S = 0.1  # longest time for which a thread waits for something else before it checks the flag
+_TWICE_S = 0.05  # time after the first signal in which a second one has no effect
 _received: list[int] = []
 
 
@@ -29,13 +33,17 @@ def answer(*names: str, again: signal.Handlers = signal.SIG_DFL) -> None:
     """
     numbers = [each for each in _numbers(names) if signal.getsignal(each) is not signal.SIG_IGN]
 
+    def let_all(action: Callable[[int, FrameType | None], object] | signal.Handlers) -> None:
+        for each in numbers:
+            signal.signal(each, action)
+
     def ask(number: int, _frame: FrameType | None) -> None:
         _received.append(number)
-        for each in numbers:
-            signal.signal(each, again)
+        let_all(signal.SIG_IGN)
+        time.sleep(_TWICE_S)
+        let_all(again)
 
-    for number in numbers:
-        signal.signal(number, ask)
+    let_all(ask)
 
 
 def ignore(*names: str) -> None:

@@ -32,6 +32,10 @@ signal.signal(signal.SIGHUP, signal.SIG_IGN)
 signals.answer()
 send("SIGHUP"); print(signals.received())
 """
+TWICE = """
+signals.time.sleep = lambda seconds: send()  # in the pause after the first signal
+send(); print(signals.received())
+"""
 FRAMES = """
 def frames():
     yield 1
@@ -79,11 +83,12 @@ def ended(words: str) -> subprocess.CompletedProcess[str]:
         (ASKED, ["goes on True", "stops"]),
         (NOT_ASKED, ["False"]),
         (IGNORED, ["False"]),
+        (TWICE, ["True"]),
         (FRAMES, ["stops"]),
         (BLOCKED, ["stops"]),
         (WRITING, ["4 True"]),
     ],
-    ids=["asked", "not-asked", "ignored", "frames", "blocked", "writing"],
+    ids=["asked", "not-asked", "ignored", "twice", "frames", "blocked", "writing"],
 )
 def test_the_first_signal_stops_where_it_is_asked_for(words: str, said: list[str]) -> None:
     done = ended(words)
