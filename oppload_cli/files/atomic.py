@@ -194,7 +194,7 @@ class PartFile(_Part):
 
     def _open(self, part: Path, *, new: bool) -> None:
         self.part = part
-        self.raw, made = _opened(part)
+        self.raw, made = _opened(part, self.path)
         self.binary = BufferedRandom(self.raw)
         try:
             locked = _lock(self.raw.fileno(), part, self.path)
@@ -299,16 +299,22 @@ def _make_folder(folder: Path) -> None:
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
 
 
-def _opened(part: Path) -> tuple[FileIO, bool]:
-    """Open a part file, and make it if there is none; return whether it was made."""
+def _opened(part: Path, path: Path) -> tuple[FileIO, bool]:
+    """Open a part file, and make it if there is none; return whether it was made.
+
+    Raises BusyError if another run renames the part at this moment.
+    """
 
     def opener(flags: int) -> Callable[[str, int], int]:
         return lambda name, own: os.open(name, own | flags | _CAUTIOUS, 0o666)
 
     with suppress(FileExistsError):
         return FileIO(part, "r+", opener=opener(os.O_CREAT | os.O_EXCL)), True
-    _check_alone(os.lstat(part), part)  # before `open`, which has an effect on some devices
-    file = FileIO(part, "r+", opener=opener(0))
+    try:
+        _check_alone(os.lstat(part), part)  # before `open`, which has an effect on some devices
+        file = FileIO(part, "r+", opener=opener(0))
+    except FileNotFoundError:
+        raise _busy(path) from None
     try:
         _check_alone(os.fstat(file.fileno()), part)
     except BaseException:
@@ -346,4 +352,8 @@ def _lock(descriptor: int, part: Path, path: Path) -> bool:
             break
         except OSError:  # a file system without locks
             return False
-    raise BusyError(f"{path}: another run is writing it; wait for that one")
+    raise _busy(path)
+
+
+def _busy(path: Path) -> BusyError:
+    return BusyError(f"{path}: another run is writing it; wait for that one")

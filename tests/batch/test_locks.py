@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -34,6 +35,21 @@ def test_a_result_is_renamed_before_its_lock_is_given_up(
     monkeypatch.setattr(Path, "replace", racing)
     first.commit()
     assert (tmp_path / "a.csv").read_text() == "one\n"
+
+
+def test_a_result_that_is_renamed_while_a_run_opens_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    theirs = PartFile(tmp_path / "a.csv")
+
+    def renamed_before(path: Path) -> os.stat_result:
+        monkeypatch.undo()
+        theirs.commit()
+        return os.lstat(path)
+
+    monkeypatch.setattr(os, "lstat", renamed_before)
+    with pytest.raises(BusyError, match="another run is writing it"):
+        PartFile(tmp_path / "a.csv")
 
 
 def test_without_locks_each_process_has_a_file_of_its_own(
