@@ -10,7 +10,7 @@ import numpy as np
 from oppload_cli.errors import OpploadError, printable
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
-from oppload_cli.results.alarms import uncounted
+from oppload_cli.results.alarms import NEAR_CONTACT, uncounted
 from oppload_cli.results.reading import (
     check_numbers,
     check_schema,
@@ -120,14 +120,18 @@ class Content:
         return max(self.curves, key=lambda each: (each.thresholded, each.peak))
 
     @property
-    def silence(self) -> str:
-        """Why the strongest response caused no alarm though it is above the threshold, else empty.
+    def reason(self) -> str:
+        """Why the strongest response above its threshold caused no alarm, or one below it did.
 
-        The text is the end of a sentence.
+        The text is the end of a sentence; it is empty in all other cases.
         """
         best = self.strongest
-        if not best.thresholded or best.peak <= 1 or any(a.curve is best for a in self.alarms):
+        alarms = [each for each in self.alarms if each.curve is best]
+        if not best.thresholded or bool(alarms) == (best.peak > 1):
             return ""
+        if alarms:
+            near_contact = any(each.contact_s is not None for each in alarms)
+            return f", {NEAR_CONTACT}" if near_contact else ""
         alarm = self.result.part("alarms").get(best.name)
         blind = alarm.get("peak_blind") if isinstance(alarm, dict) else None
         return f", {uncounted(blind if isinstance(blind, bool | str) else None)}"
@@ -176,7 +180,7 @@ class Content:
                     "label": curve.label,
                     "colour": curve.colour,
                     "thresholded": curve.thresholded,
-                    "values": _rounded(curve.values),
+                    "values": _rounded(_kept_below_one(curve.values)),
                     "alarms": [[a.first, a.last] for a in self.alarms if a.curve is curve],
                 }
                 for curve in self.curves
@@ -322,6 +326,11 @@ def _as_text(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {_as_text(each)}" for name, each in value.items())
     return ", ".join(map(_as_text, value)) or "none" if isinstance(value, list) else str(value)
+
+
+def _kept_below_one(values: Series) -> Series:
+    """Return values of which none below 1 becomes 1 when it is rounded."""
+    return np.where(values < 1, np.minimum(values, 1 - 10.0**-_DIGITS), values)
 
 
 def _short(value: Any) -> Any:

@@ -80,7 +80,7 @@ class _Entry(NamedTuple):
     duration_s: float  # from the first to the last frame
     peak: float  # the largest response over its threshold; without a threshold, over its peak
     thresholded: bool  # whether the peak is over a threshold
-    silence: str  # why a peak above the threshold caused no alarm; else empty
+    reason: str  # why a peak above the threshold caused no alarm, or one below it did; else empty
     notes: list[str]  # warnings
 
 
@@ -247,7 +247,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
         float(times[-1] - times[0]),
         strongest.peak,
         strongest.thresholded,
-        content.silence.removeprefix(", which "),
+        content.reason.removeprefix(", which "),
         [*video_notes, *([result.shortfall] if result.shortfall else [])],
     )
 
@@ -318,11 +318,12 @@ def _seconds(value: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Return a multiple of a threshold or a peak as text, in two or three digits."""
+    """Return a multiple of a threshold as text, in two digits; below 1 it does not become 1."""
     if not np.isfinite(value):
         return "\N{EN DASH}"
     if 0 < value < 0.01:
         return "< 0.01"
+    value = 0.99 if 0.99 < value < 1 else value
     return f"{value:,.0f}" if value >= 10 else f"{value:.2g}"
 
 

@@ -117,6 +117,14 @@ def test_boxes_and_values_of_the_frame(browser: Browser, page: Path) -> None:
     assert browser.run(drawn) == [0, 0, 0, 0]
 
 
+def test_a_response_below_the_threshold_does_not_become_1(browser: Browser, page: Path) -> None:
+    near = page.with_name("near.html")
+    near.write_text(page.read_text().replace("0.09,0.1,", "0.999,0.1,"))
+    opened(browser, near, "#f9")
+    values = browser.run("return document.getElementById('values').innerText")
+    assert values.endswith(" D-LGMD\t0.99 \xd7 threshold")
+
+
 def playhead(browser: Browser) -> float:
     """The place of the line of the current frame, as a share of the first panel's width."""
     place = "document.querySelector('.playhead').getBoundingClientRect()"

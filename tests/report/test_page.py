@@ -124,13 +124,25 @@ def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Pat
     table.write_text(table.read_text().replace(",0.5,1,", ",0.5,0,"))
     content = Content.of(read_result(table))
     assert content.alarms == []
-    assert "did not count" in content.silence
+    assert "did not count" in content.reason
     index = write_report([table, table], table.parent).first.read_text()
     reason = (
         "did not count: it came at the start, a cut, a flash, the end of a rest or after a gap, or "
         "was too short"
     )
     assert index.count(f'title="{reason}">not counted<') == 2
+
+
+def test_an_alarm_below_the_threshold_is_explained(table: Path) -> None:
+    table.write_text(table.read_text().replace(",0.5,1,", ",0.03,1,"))
+    content = Content.of(read_result(table))
+    assert len(content.alarms) == len(ALARMS)
+    assert content.strongest.peak == pytest.approx(0.6)
+    assert content.reason == ", which is enough shortly before contact"
+    index = write_report([table, table], table.parent).first.read_text()
+    assert index.count('title="is enough shortly before contact">near contact<') == 2
+    table.with_name("clip.detections.jsonl").unlink()  # with the times to contact
+    assert Content.of(read_result(table)).reason == ""
 
 
 def test_the_index_names_the_colours_of_the_detectors_once(table: Path) -> None:
@@ -482,8 +494,8 @@ def test_pages_in_one_folder_have_the_inputs_as_titles(table: Path, tmp_path: Pa
 
 
 def test_numbers_as_text(table: Path) -> None:
-    times = (0.366, 59.99, 119.996, 187.25, 188, 189)
-    heights = (0.0, 8e-5, 0.0123, 4.23, 12.34, 1234.5)  # over a threshold of 0.05
+    times = (0.366, 59.99, 119.996, 187.25, 188, 189, 190)
+    heights = (0.0, 8e-5, 0.0123, 4.23, 12.34, 1234.5, 0.99996)  # over a threshold of 0.05
     rows = ["frame,time_s,opplod_response,opplod_alarm", "0,0,0,0"]
     for at, (time_s, height) in enumerate(zip(times, heights, strict=True)):
         rows.append(f"{2 * at + 1},{time_s},{height * 0.05:.9g},1")
@@ -493,4 +505,7 @@ def test_numbers_as_text(table: Path) -> None:
     index = write_report([table, table], table.parent).first.read_text()
     shown = re.findall(r'title="OppLoD: ([^"]+) times the threshold">([^<]+)<', index)
     assert [text for _, text in shown[:4]] == ["0.37 s", "59.99 s", "2:00.00", "3:07.25"]
-    assert [text for text, _ in shown[:6]] == ["0", "&lt; 0.01", "0.012", "4.2", "12", "1,234"]
+    numbers = ["0", "&lt; 0.01", "0.012", "4.2", "12", "1,234", "0.99"]
+    assert [text for text, _ in shown[:7]] == numbers
+    (curve,) = data_of(table.with_name("clip.report.html"))["curves"]
+    assert curve["values"][13] == 0.9999

@@ -455,8 +455,11 @@
     return Number(value.toPrecision(2)).toString();
   }
 
-  /** A response as text; the axis shows no values below LOWEST. */
-  const size = (value) => (value > 0 && value < LOWEST ? `< ${LOWEST}` : plain(value));
+  /** A response as text; below 1 it does not become 1. The axis shows no values below LOWEST. */
+  function size(value) {
+    if (value > 0 && value < LOWEST) return `< ${LOWEST}`;
+    return plain(value < 1 ? Math.min(value, 0.99) : value);
+  }
 
   function clock(seconds) {
     const t = Number(seconds.toFixed(2)); // before the minutes are taken, so that no seconds are 60.00
