@@ -19,7 +19,7 @@ from oppload_cli.errors import ExitCode, ParameterError, printable
 from oppload_cli.files.reading import content_of, fault_of_stem, reading
 from oppload_cli.files.tables import open_table
 from oppload_cli.processes.threads import Call
-from oppload_cli.results.alarms import MOST_IN_A_LINE, in_words, label_of
+from oppload_cli.results.alarms import ALARM_COLUMNS, MOST_IN_A_LINE, in_words, label_of
 from oppload_cli.results.table import TABLE
 from oppload_cli.video.inputs import (
     each_once,
@@ -193,21 +193,28 @@ def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
     ----------
     source : str
         A file, or ``-`` for standard input, with a name on each line (empty lines are ignored); or
-        the ``failures.csv`` of a batch, of which a row with a faulty stem becomes a failure.
+        the ``failures.csv`` of a batch, of which a faulty row becomes a failure.
     null : bool
         Whether the names end in NUL, as ``find -print0`` writes them.
 
     Raises
     ------
     ParameterError
-        If the list cannot be read, or names nothing.
+        If the list cannot be read, names nothing, or is an ``alarms.csv``.
     """
     entries: list[Input | Failure]
     content = _content(source).removeprefix(codecs.BOM_UTF8)
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise ParameterError(f"--files-from {source}: is text in UTF-16; save it as UTF-8")
     text = os.fsdecode(content)
+    if text.startswith(",".join(ALARM_COLUMNS)):
+        raise ParameterError(
+            f"--files-from {source}: is a table of alarms, not a list; give a failures.csv, or a "
+            f"file with a name on each line"
+        )
     if null:
+        if "\0" not in text and "\n" in text:
+            raise ParameterError(f"--files-from {source}: its names do not end in NUL; leave out -0")
         entries = [Input(name) for name in text.split("\0") if name]
     elif text.startswith(",".join(FAILURE_COLUMNS)):
         entries = list(_failed_before(source, text))
@@ -233,13 +240,14 @@ def _failed_before(source: str, text: str) -> Iterator[Input | Failure]:
         for number, row in enumerate(csv.DictReader(io.StringIO(text, newline="")), 2):
             name, stem = row["input"] or "", row["stem"] or ""
             fault = fault_of_stem(stem) if stem else ""
-            fault = fault and f"is no plain name, as it {fault}"
+            fault = fault and f"the stem '{stem}' is no plain name, as it {fault}"
             holder = holders.setdefault(stem.casefold(), name)
             if stem and holder != name:
-                fault = f"is already the stem of {holder}"
+                fault = f"the stem '{stem}' is already the stem of {holder}"
+            if not name:
+                fault = "it names no input"
             if fault:
-                place = f"--files-from {source}: row {number}"
-                message = f"{place}: the stem '{stem}' {fault}; correct the row"
+                message = f"--files-from {source}: row {number}: {fault}; correct the row"
                 yield Failure(name, "", ExitCode.USAGE, message)
             else:
                 yield Input(name, stem)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from oppload_cli.results.table import FrameRecord
 
 _SIDES = "x", "y", "width", "height"
-_COLUMNS: dict[str, type] = {
+ALARM_COLUMNS: dict[str, type] = {  # of alarms.csv
     "video": str,
     "model": str,
     "start_frame": int,
@@ -224,7 +224,7 @@ def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
     rows = [row for row in _rows_in(path) if row["video"] not in names]
     for video, verdicts in found.items():
         rows += [_row(video, each.model, alarm) for each in verdicts for alarm in each.alarms]
-    with open_table(path, _COLUMNS) as table:
+    with open_table(path, ALARM_COLUMNS) as table:
         for row in sorted(rows, key=lambda row: row["video"]):
             table.write(row)
 
@@ -241,6 +241,6 @@ def _rows_in(path: Path) -> list[dict[str, Any]]:
         # Spreadsheets write a byte order mark.
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
-            return list(reader) if reader.fieldnames == list(_COLUMNS) else []
+            return list(reader) if reader.fieldnames == list(ALARM_COLUMNS) else []
     except (OSError, ValueError, csv.Error):
         return []

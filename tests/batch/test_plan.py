@@ -21,6 +21,7 @@ from oppload_cli.batch.plan import (
 from oppload_cli.errors import ParameterError
 from oppload_cli.pipeline.task import Outcome
 from oppload_cli.processes import threads
+from oppload_cli.results.alarms import write_alarms
 
 
 @pytest.fixture
@@ -152,6 +153,9 @@ def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert read_list(str(path), null=True) == [("line\nend.mp4", ""), ("b.mp4", "")]
     with pytest.raises(ParameterError, match="add -0"):
         read_list(str(path))
+    path.write_bytes(b"a.mp4\nb.mp4\n")
+    with pytest.raises(ParameterError, match="do not end in NUL; leave out -0"):
+        read_list(str(path), null=True)
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"c.mp4\n")))
     assert read_list("-") == [("c.mp4", "")]
     path.write_bytes("a.mp4\nb.mp4\n".encode("utf-8-sig"))
@@ -165,6 +169,22 @@ def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         read_list(str(path))
     with pytest.raises(ParameterError, match="no such file"):
         read_list(str(tmp_path / "missing"))
+
+
+def test_a_table_of_alarms_is_no_list(tmp_path: Path) -> None:
+    path = tmp_path / "alarms.csv"
+    write_alarms(path, {})
+    with pytest.raises(ParameterError, match="is a table of alarms, not a list; give a failures"):
+        read_list(str(path))
+
+
+def test_a_row_of_failures_without_an_input(tmp_path: Path) -> None:
+    path = tmp_path / "failures.csv"
+    write_failures(path, [Failure("", "a", 3, ""), Failure("b.mp4", "b", 3, "")])
+    failed, kept = read_list(str(path))
+    assert isinstance(failed, Failure)
+    assert failed.message.endswith("failures.csv: row 2: it names no input; correct the row")
+    assert kept == ("b.mp4", "b")
 
 
 def test_a_list_that_does_not_come_answers_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
