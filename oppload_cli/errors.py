@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import re
+import unicodedata
 from enum import IntEnum
 from typing import TYPE_CHECKING, ClassVar
 
@@ -24,6 +25,7 @@ _NO_MEMORY = (
     "bad_alloc",  # in C++
 )
 _LOGIN = re.compile(r"(?<=://)[^/?#\s]*@")  # as FFmpeg finds it in an address
+_JOINERS = "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"
 
 
 class ExitCode(IntEnum):
@@ -150,10 +152,14 @@ def cannot_read(name: str, error: OSError) -> SourceError:
 def printable(text: str) -> str:
     r"""Return a text without logins, its control characters and undecodable bytes as ``\\x1b``.
 
-    Names of files, which messages contain, may have line ends and escape sequences.
+    Names of files, which messages contain, may have line ends and escape sequences. All spaces and
+    joiners of characters are kept: macOS writes a narrow space into names, and Persian and emoji
+    need joiners.
     """
     return "".join(
-        c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode()
+        c
+        if c.isprintable() or c in _JOINERS or unicodedata.category(c) == "Zs"
+        else c.encode("unicode_escape", "surrogatepass").decode()
         for c in without_login(text)
     )
 

@@ -214,7 +214,9 @@ def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
         )
     if null:
         if "\0" not in text and "\n" in text:
-            raise ParameterError(f"--files-from {source}: its names do not end in NUL; leave out -0")
+            raise ParameterError(
+                f"--files-from {source}: its names do not end in NUL; leave out -0"
+            )
         entries = [Input(name) for name in text.split("\0") if name]
     elif text.startswith(",".join(FAILURE_COLUMNS)):
         entries = list(_failed_before(source, text))

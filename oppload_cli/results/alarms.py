@@ -221,10 +221,10 @@ def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
     with the inputs that failed, adds to the file. Raises OutputError if it cannot be written.
     """
     names = set(map(printable, found))
-    rows = [row for row in _rows_in(path) if row["video"] not in names]
-    for video, verdicts in found.items():
-        rows += [_row(video, each.model, alarm) for each in verdicts for alarm in each.alarms]
-    with open_table(path, ALARM_COLUMNS) as table:
+    with open_table(path, ALARM_COLUMNS) as table:  # first: two batches may end at the same time
+        rows = [row for row in _rows_in(path) if row["video"] not in names]
+        for video, verdicts in found.items():
+            rows += [_row(video, each.model, alarm) for each in verdicts for alarm in each.alarms]
         for row in sorted(rows, key=lambda row: row["video"]):
             table.write(row)
 

@@ -7,8 +7,13 @@ import json
 import math
 from typing import TYPE_CHECKING
 
+import pytest
+
 from oppload_cli.detection.places import Detection
+from oppload_cli.errors import BusyError
+from oppload_cli.files import atomic
 from oppload_cli.models.detector import Box, Response
+from oppload_cli.results import alarms
 from oppload_cli.results.alarms import (
     AlarmLog,
     Verdict,
@@ -169,6 +174,21 @@ def test_they_come_back_from_a_sidecar_and_a_second_batch_adds_rows(tmp_path: Pa
         "end_s": "0.1", "peak_over_threshold": "1.5", "x": "1", "y": "0", "width": "9",
         "height": "9", "time_to_contact_s": "",
     }  # fmt: skip
+
+
+def test_of_two_batches_that_end_at_the_same_time_none_loses_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, found = tmp_path / "alarms.csv", [verdict([0, 3, 0], on=[1])]
+    monkeypatch.setattr(atomic, "_DYING_S", 0)
+
+    def read_later(_: Path) -> list[dict[str, str]]:
+        with pytest.raises(BusyError):
+            write_alarms(path, {"a.mp4": found})
+        return []
+
+    monkeypatch.setattr(alarms, "_rows_in", read_later)
+    write_alarms(path, {"b.mp4": found})
 
 
 def test_a_second_batch_replaces_rows_of_a_name_that_no_text_can_hold(tmp_path: Path) -> None:

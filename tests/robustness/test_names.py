@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.batch.plan import FAILURE_COLUMNS, Failure, read_list
+from oppload_cli.errors import printable
 from oppload_cli.files.reading import fault_of_stem
 from oppload_cli.video.inputs import result_stem
 from tests.cli.inside import run
@@ -72,6 +73,13 @@ def test_a_list_writes_nothing_outside_the_output_folder(
     }
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["a.csv", "base.avi", "other.avi", "out"]
+
+
+def test_names_are_shown_as_they_are_unless_they_would_act_on_a_terminal() -> None:
+    plain = "at 10.00\u202fPM, \u3000, \u0645\u06cc\u200c\u062e, \U0001f468\u200d\U0001f469.mov"
+    assert printable(plain) == plain
+    acting = "\n\x1b\u2028\u202e\udcff"  # also ends of lines, and text from right to left
+    assert printable(acting) == r"\n\x1b\u2028\u202e\udcff"
 
 
 def test_two_inputs_never_share_a_stem(tmp_path: Path) -> None:
