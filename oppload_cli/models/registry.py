@@ -11,13 +11,13 @@ import re
 import sys
 import traceback
 from contextlib import contextmanager
-from dataclasses import make_dataclass
+from dataclasses import make_dataclass, replace
 from hashlib import sha256
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -480,9 +480,11 @@ class DetectorBank:
 def _response_of(detector: Detector, luma: Map) -> Response | None:
     with _named(type(detector), "its step failed"):
         response = detector.step(luma)
-    if response is not None and (fault := _fault(detector, response)):
+    if response is None:
+        return None
+    if fault := _fault(detector, response):
         raise DetectorError(f"detector '{detector.name}': its step returned {fault}")
-    return response
+    return _plain(response)
 
 
 @contextmanager
@@ -506,11 +508,30 @@ def _fault(detector: Detector, returned: object) -> str:
         return f"{type(returned).__name__}, not a {detector.responses.__name__} or None"
     response: object = returned.response  # a user's detector may ignore the types
     box: object = returned.box
-    if not isinstance(response, int | float | np.floating) or not 0 <= response < math.inf:
+    numbers = int | float | np.integer | np.floating
+    if not isinstance(response, numbers) or not 0 <= response < math.inf:
         return f"a response of {response!r:.60}, not a finite number of at least 0"
     if box is not None and not (isinstance(box, Box) and all(map(math.isfinite, box))):
         return f"a box of {box!r:.60}, not a Box of finite numbers or None"
     return ""
+
+
+def _plain(response: Response) -> Response:
+    """Return a response with Python's numbers, as no table or JSON file takes all of NumPy's.
+
+    The mean of an image of float32, for example, is a float32.
+    """
+    changed: dict[str, Any] = {
+        name: value.item() for name, value in vars(response).items() if _is_numpy_only(value)
+    }
+    if response.box is not None and any(map(_is_numpy_only, response.box)):
+        changed["box"] = Box(*map(float, response.box))
+    return replace(response, **changed) if changed else response
+
+
+def _is_numpy_only(value: object) -> bool:
+    """Return whether a value is a number of NumPy that is no float of Python."""
+    return isinstance(value, np.generic) and not isinstance(value, float)
 
 
 def _is_of_package(detector: type[Detector]) -> bool:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import pickle
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -194,6 +195,23 @@ def test_an_answer_that_is_not_a_response_is_refused(
             bank.step(np.zeros((9, 9), np.float32))
     finally:
         registry.forget("loose")
+
+
+def test_numbers_of_numpy_become_those_of_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    @dataclass(frozen=True)
+    class WithShare(Response):
+        share: float = 0.0
+
+    half: Any = np.float32(0.5)
+    three: Any = np.int64(3)
+    monkeypatch.setattr(Loose, "answer", WithShare(three, Box(half, half, 1, 2), half))
+    registry.register(Loose)
+    try:
+        answer = DetectorBank((9, 9), [LooseParams()]).step(np.zeros((9, 9), np.float32))["loose"]
+    finally:
+        registry.forget("loose")
+    assert answer == WithShare(3, Box(0.5, 0.5, 1, 2), 0.5)
+    json.dumps(vars(answer))
 
 
 @pytest.mark.parametrize(
