@@ -272,7 +272,9 @@ class Table:
             wanted = f"at most {declared.high:g}"
         if wanted:
             unit = f" {declared.unit}" if declared.unit and cls._units else ""
-            raise cls._error(f"{label} must be {wanted}{unit}, not {float(number):g}")
+            # With all digits: 1.0000001 must not read as 1.
+            found = str(float(number)).removesuffix(".0")
+            raise cls._error(f"{label} must be {wanted}{unit}, not {found}")
 
     def _check_kind(self) -> None:
         kind = getattr(self, "kind", None)

@@ -89,6 +89,7 @@ def test_mistakes_name_the_file_the_key_and_the_remedy(table: dict[str, Any], me
 def test_parameters_name_themselves_and_their_set() -> None:
     for values, message in (
         ({"gain": -1}, "parameter 'gain' of some must be at least 0, not -1"),
+        ({"gain": -1.0000001}, "parameter 'gain' of some must be at least 0, not -1.0000001"),
         ({"gain": None}, "parameter 'gain' of some takes a number, not None"),
         ({"cell": "x"}, "parameter 'cell' of some takes a whole number or none, not 'x'"),
         ({"cel": 1}, "no parameter 'cel' of some; did you mean 'cell'?"),
