@@ -127,14 +127,16 @@ class Content:
         """
         best = self.strongest
         alarms = [each for each in self.alarms if each.curve is best]
-        if not best.thresholded or bool(alarms) == (best.peak > 1):
+        if not best.thresholded:
             return ""
-        if alarms:
-            near_contact = any(each.contact_s is not None for each in alarms)
-            return f", {NEAR_CONTACT}" if near_contact else ""
-        alarm = self.result.part("alarms").get(best.name)
-        blind = alarm.get("peak_blind") if isinstance(alarm, dict) else None
-        return f", {uncounted(blind if isinstance(blind, bool | str) else None)}"
+        if best.peak > max([1.0, *(each.peak for each in alarms)]):
+            alarm = self.result.part("alarms").get(best.name)
+            blind = alarm.get("peak_blind") if isinstance(alarm, dict) else None
+            known = blind if isinstance(blind, bool | str) else None
+            return f", {uncounted(known, beside_alarms=bool(alarms))}"
+        if best.peak <= 1 and any(each.contact_s is not None for each in alarms):
+            return f", {NEAR_CONTACT}"
+        return ""
 
     @property
     def size(self) -> tuple[int, int]:

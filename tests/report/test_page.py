@@ -133,6 +133,16 @@ def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Pat
     assert index.count(f'title="{reason}">not counted<') == 2
 
 
+def test_a_peak_outside_the_alarms_is_explained(table: Path) -> None:
+    rows = table.read_text().splitlines()
+    rows[1] = rows[1].replace(",0.002,0,", ",0.9,0,")
+    table.write_text("".join(f"{row}\n" for row in rows))
+    content = Content.of(read_result(table))
+    assert (len(content.alarms), content.strongest.peak) == (len(ALARMS), 18)
+    assert content.reason.startswith(", which did not count: it came at the start, a cut,")
+    assert content.reason.endswith(" or came soon after an alarm, or was too short")
+
+
 def test_an_alarm_below_the_threshold_is_explained(table: Path) -> None:
     table.write_text(table.read_text().replace(",0.5,1,", ",0.03,1,"))
     content = Content.of(read_result(table))
