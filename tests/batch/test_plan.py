@@ -251,6 +251,13 @@ def test_a_silent_input_meets_its_condition_whatever_the_others_do() -> None:
         assert tally.exit_code("alarm") == tally.exit_code()
 
 
+def test_an_input_of_another_run_is_neither_silent_nor_without_alarms() -> None:
+    tally = Tally()
+    tally.add("a", Outcome(skipped=True))  # as the other run has not yet written its result
+    assert tally.exit_code("no-alarm") == 0
+    assert tally.verdicts == {}  # `write_alarms` removes the rows of names with verdicts
+
+
 def test_the_table_counts_every_state() -> None:
     tally = Tally([Failure("a", "", 3, "no")])
     for result in (Outcome(frames=10), Outcome(frames=5, complete=False), Outcome(skipped=True)):
