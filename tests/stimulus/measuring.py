@@ -40,19 +40,19 @@ def worst_errors(protocol: Protocol, frames: Iterable[int]) -> tuple[float, floa
             truth = frame_truth(alone, frame).objects[0]
             stated = _size_px(alone, truth.angular_size_deg or 0.0)
             width = _size_px(alone, obj.width_deg or 1e9)
-            dark = _thresholded(renderer.grey(frame))
-            rim = dark[0].any() or dark[-1].any() or dark[:, 0].any() or dark[:, -1].any()
+            grey = renderer.grey(frame)
+            rim = min(side.min() for side in (grey[0], grey[-1], grey[:, 0], grey[:, -1])) < 127.5
             if min(stated, width) < LEAST_PX or rim or not truth.visible:
                 continue
-            if not dark.any():
+            columns, rows = _thresholded(grey)
+            if not columns.size:
                 # the shape must be outside the display; otherwise its error is without bound
                 x_share = truth.centre_x_px / alone.display.width
                 y_share = truth.centre_y_px / alone.display.height
                 inside = 0 <= x_share <= 1 and 0 <= y_share <= 1
                 size_error = math.inf if inside else size_error
                 continue
-            rows, columns = (index / FINE for index in np.nonzero(dark))
-            measured = _size_of(obj.kind, float(dark.sum()) / FINE**2, width)
+            measured = _size_of(obj.kind, columns.size / FINE**2, width)
             if obj.kind == "bar":
                 pose = pose_of(alone, alone.objects[0], alone.time_of(frame))
                 measured = _length_along(columns, rows, math.radians(pose.orientation_deg))
@@ -64,10 +64,15 @@ def worst_errors(protocol: Protocol, frames: Iterable[int]) -> tuple[float, floa
     return size_error, centre_error, count
 
 
-def _thresholded(grey: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Cut at half the contrast, the grey levels interpolated between pixels."""
-    fine = cv2.resize(grey.astype(np.float32), None, fx=FINE, fy=FINE)
-    return np.asarray(fine < 127.5)
+def _thresholded(grey: NDArray[np.uint8]) -> tuple[Floats, Floats]:
+    """Return x and y of what is below half the contrast, interpolated between pixels."""
+    x, y, width, height = cv2.boundingRect(255 - grey)
+    if not width:
+        return np.empty(0), np.empty(0)
+    left, top = max(0, x - 2), max(0, y - 2)  # with the white pixels from which it interpolates
+    part = grey[top : y + height + 2, left : x + width + 2].astype(np.float32)
+    rows, columns = np.nonzero(cv2.resize(part, None, fx=FINE, fy=FINE) < 127.5)
+    return columns / FINE + left, rows / FINE + top
 
 
 def _alone(protocol: Protocol, obj: Object) -> Protocol:
