@@ -21,7 +21,7 @@ SAID = {
     "unit_positions": "paper: 5 x 5 units",
 }
 FIGURES = {"own_axes": "own-axes.png", "two_presets": "two-presets.png"}
-SLOW = {"response_over_l_over_v", "two_presets"}  # the others, too, run a stimulus and draw
+SLOW = {"batch_to_table", "response_over_l_over_v", "two_presets"}  # runs of several stimuli
 
 
 @pytest.mark.parametrize(

@@ -33,21 +33,26 @@ def failures_of(tests: list[doctest.DocTest]) -> str:
     return "".join(said)
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _common_run_once() -> Iterator[None]:
-    """Compute once the run with which many examples begin."""
-    run, common = oppload_cli.run, ("controls/looming-perspective", {"rmo": False})
-    results: list[Any] = []
+def once(function: Any, keep: Any) -> Any:
+    """Return a function that computes only once what many examples begin with, and keeps that."""
+    common, known = ("controls/looming-perspective", {"rmo": False}), []
 
-    def run_once(source: Any, *more: Any, **named: Any) -> Any:
+    @functools.wraps(function)
+    def shared(source: Any, *more: Any, **named: Any) -> Any:
         if more or not isinstance(source, str) or (source, named) != common:
-            return run(source, *more, **named)
-        if not results:
-            results.append(run(source, **named))
-        return results[0]
+            return function(source, *more, **named)
+        if not known:
+            known.append(keep(function(source, **named)))
+        return known[0]
 
+    return shared
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _common_runs_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(oppload_cli, "run", functools.wraps(run)(run_once))
+        patch.setattr(oppload_cli, "run", once(oppload_cli.run, lambda result: result))
+        patch.setattr(oppload_cli, "analyse", once(oppload_cli.analyse, list))
         yield
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -11,6 +12,7 @@ import sys
 import threading
 import time
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +21,7 @@ import pytest
 from oppload_cli.batch import tasks
 from oppload_cli.errors import ParameterError
 from oppload_cli.processes import threads
+from oppload_cli.version import __version__
 from tests.cli.process import oppload
 from tests.cli.test_batch import FAST, sidecars, tables
 from tests.cli.test_load import DETECTOR
@@ -133,19 +136,41 @@ def test_waiting_for_workers_answers_an_interruption(monkeypatch: pytest.MonkeyP
     came.set()
 
 
-def test_a_scheduler_without_oppload_is_named() -> None:
-    class Client:
-        def wait_for_workers(self, _count: int, timeout: float) -> None:
-            pass
+@dataclass
+class Answering:
+    """A client whose scheduler and worker answer so when they are asked for their version."""
 
-        def run(self, *_asked: object, **_options: object) -> dict[str, str]:
-            return {}
+    scheduler: str | Exception = __version__
+    worker: str | Exception = __version__
 
-        def run_on_scheduler(self, *_asked: object) -> str:
-            raise ModuleNotFoundError("oppload_cli")
+    def wait_for_workers(self, _count: int, timeout: float) -> None:
+        pass
 
-    with pytest.raises(ParameterError, match=r"^--scheduler tcp://a:1: has no oppload; install "):
-        tasks._check_workers(Client(), "tcp://a:1")
+    def run(self, *_asked: object, **_options: object) -> dict[str, str | Exception]:
+        return {"tcp://b:2": self.worker}
+
+    def run_on_scheduler(self, *_asked: object) -> str:
+        if isinstance(self.scheduler, Exception):
+            raise self.scheduler
+        return self.scheduler
+
+
+@pytest.mark.parametrize(
+    ("client", "sentence"),
+    [
+        (
+            Answering(scheduler=ModuleNotFoundError("oppload_cli")),
+            "--scheduler tcp://a:1: has no oppload; install ",
+        ),
+        (Answering(worker="9.9.9"), "worker tcp://b:2: has oppload 9.9.9, not "),
+        (Answering(worker=ModuleNotFoundError("oppload_cli")), "worker tcp://b:2: has no oppload;"),
+        (Answering(worker=OSError(5, "Broken")), "worker tcp://b:2: does not answer (broken); "),
+    ],
+)
+def test_a_cluster_with_another_version_or_none(client: Answering, sentence: str) -> None:
+    tasks._check_workers(Answering(), "tcp://a:1")
+    with pytest.raises(ParameterError, match="^" + re.escape(sentence)):
+        tasks._check_workers(client, "tcp://a:1")
 
 
 @pytest.mark.slow
@@ -207,15 +232,12 @@ def test_a_scheduler_that_ends_under_way(tmp_path: Path, how: str) -> None:
         assert "interrupted: 0 of 1 inputs are finished; go on with --if-exists skip" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
         ("__version__ = '9.9.9'", "has oppload 9.9.9, not "),
-        pytest.param(
-            "raise ModuleNotFoundError(__name__)",
-            "has no oppload; install oppload ",
-            marks=pytest.mark.slow,
-        ),
+        ("raise ModuleNotFoundError(__name__)", "has no oppload; install oppload "),
     ],
 )
 def test_a_worker_with_another_version_or_none(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import shutil
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -29,7 +31,7 @@ from tests.cli import inside
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
 NAMES = ("frame_difference", "lgmd1_single")
@@ -189,62 +191,82 @@ def test_a_detector_without_a_response_to_the_disk() -> None:
     assert np.isinf(benchmark.summary("lgmd2").largest_control_over_loom)
 
 
-def test_the_command_writes_tables_figures_and_a_page(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(battery, "BATTERY", (small("dark"), small("bright")))
-    monkeypatch.setattr("oppload_cli.benchmark.output.BATTERY", battery.BATTERY)
-    call = "benchmark", "-o", tmp_path, "-q", "-j", "1", "--model", ",".join(NAMES)
-    done = inside.run(capsys, *call)
+@pytest.fixture
+def _small_battery() -> Iterator[None]:
+    with small_battery():
+        yield
+
+
+@contextmanager
+def small_battery() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(battery, "BATTERY", (small("dark"), small("bright")))
+        patch.setattr("oppload_cli.benchmark.output.BATTERY", battery.BATTERY)
+        yield
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A benchmark of two detectors on the small battery."""
+    folder = tmp_path_factory.mktemp("benchmark")
+    with small_battery():
+        done = inside.oppload(*benchmark_in(folder, *NAMES))
     assert (done.returncode, done.stderr) == (0, "")
-    names = ["stimuli.csv", "summary.csv", "polarity.pdf", "benchmark.json", "benchmark.html"]
-    assert done.stdout.split() == [str(tmp_path / name) for name in names]
-    rows = list(csv.DictReader((tmp_path / "stimuli.csv").read_text().splitlines()))
+    names = "stimuli.csv", "summary.csv", "polarity.pdf", "benchmark.json", "benchmark.html"
+    assert done.stdout.split() == [str(folder / name) for name in names]
+    return folder
+
+
+def benchmark_in(folder: Path, *names: str) -> tuple[str | Path, ...]:
+    return "benchmark", "-o", folder, "-q", "-j", "1", "--model", ",".join(names)
+
+
+@pytest.mark.usefixtures("_small_battery")
+def test_the_command_writes_tables_figures_and_a_page(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = list(csv.DictReader((made / "stimuli.csv").read_text().splitlines()))
     assert [(row["column"], row["detector"]) for row in rows] == [
         (column, name) for column in ("dark", "bright") for name in NAMES
     ]
     assert rows[0]["peak_over_loom"] == "1"
-    page = (tmp_path / "benchmark.html").read_text()
+    page = (made / "benchmark.html").read_text()
     assert "LGMD1" in page
     assert "https://" not in page
-    first = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
-    told = inside.run(capsys, *call).stderr
+    first = {path.name: path.read_bytes() for path in made.iterdir() if path.is_file()}
+    told = inside.run(capsys, *benchmark_in(made, *NAMES)).stderr
     assert told.startswith("2 of 2 stimuli kept from an earlier run")
-    again = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    again = {path.name: path.read_bytes() for path in made.iterdir() if path.is_file()}
     assert again == first
 
 
+@pytest.mark.usefixtures("_small_battery")
 def test_a_benchmark_with_other_settings_is_replaced_on_request_only(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(battery, "BATTERY", (small("dark"), small("bright")))
-    monkeypatch.setattr("oppload_cli.benchmark.output.BATTERY", battery.BATTERY)
-    call = "benchmark", "-o", tmp_path, "-q", "-j", "1", "--model"
-    assert inside.run(capsys, *call, ",".join(NAMES)).returncode == 0
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    call = benchmark_in(tmp_path, NAMES[0])
     (tmp_path / "speed.pdf").write_text("of an earlier benchmark")
     (tmp_path / "mine.pdf").write_text("of the user")
     before = (tmp_path / "summary.csv").read_bytes()
-    refused = inside.run(capsys, *call, NAMES[0])
+    refused = inside.run(capsys, *call)
     assert refused.returncode == 2
     assert "is a benchmark with other detectors; choose --if-exists overwrite" in refused.stderr
     assert (tmp_path / "summary.csv").read_bytes() == before
-    assert inside.run(capsys, *call, NAMES[0], "--if-exists", "overwrite").returncode == 0
+    assert inside.run(capsys, *call, "--if-exists", "overwrite").returncode == 0
     assert (tmp_path / "summary.csv").read_bytes() != before
     assert sorted(path.name for path in tmp_path.glob("*.pdf")) == ["mine.pdf", "polarity.pdf"]
     (tmp_path / "benchmark.json").write_text("damaged")
-    assert "with other detectors and tables" in inside.run(capsys, *call, NAMES[0]).stderr
+    assert "with other detectors and tables" in inside.run(capsys, *call).stderr
 
 
-def test_faults_of_the_clips_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(battery, "BATTERY", (small("dark"), small("bright")))
-    monkeypatch.setattr("oppload_cli.benchmark.output.BATTERY", battery.BATTERY)
+@pytest.mark.usefixtures("_small_battery")
+def test_faults_of_the_clips_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_video(tmp_path / "a.avi", grey_frames(10))
     manifest = tmp_path / "clips.csv"
     manifest.write_text("file,label,onset_frame,contact_frame\na.avi,none,,\nb.avi,none,,\n")
-    options = "-o", tmp_path / "b", "-q", "-j", "1", "--model", NAMES[0], "--manifest", manifest
-    done = inside.run(capsys, "benchmark", *options)
+    words = *benchmark_in(tmp_path / "b", NAMES[0]), "--manifest", manifest
+    done = inside.run(capsys, *words)
     assert done.returncode == 4
     assert done.stderr == (
         f"oppload: {manifest}: row 3: b.avi: there is no such file; give its path from the "

@@ -30,7 +30,7 @@ CONTROLS = (
 )
 SOME = (
     *("controls/translating-disk-direction/rotation-0", "controls/receding-disk/l-over-v-40"),
-    *("controls/texture-rotation/rotation-45", "controls/square-grating/axis-0"),
+    *("controls/dots-rotation", "controls/square-grating/axis-0"),
     *("klapoetke2017/grating/axis-0", "controls/texture-pan/direction-45"),
     *("controls/luminance-step/to-0", "controls/luminance-ramp/to-1"),
 )

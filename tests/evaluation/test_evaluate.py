@@ -252,7 +252,8 @@ def test_wrong_use(evaluated: Path, labelled: Path, tmp_path: Path, capsys: Capt
     assert (again.returncode, "exists already" in again.stderr) == (2, True)
     empty = tmp_path / "empty.csv"
     empty.write_text("file,label,onset_frame,contact_frame\nno.avi,none,,\n")
-    done = run(capsys, "evaluate", empty, "-o", tmp_path / "out")
+    one_process = "-o", tmp_path / "out", "-j", "1"
+    done = run(capsys, "evaluate", empty, *one_process)
     assert (done.returncode, "names no clip that can be used" in done.stderr) == (3, True)
     empty.write_text("file,label,onset_frame,contact_frame\n")
     done = run(capsys, "evaluate", empty, "-o", tmp_path / "out")
@@ -260,7 +261,7 @@ def test_wrong_use(evaluated: Path, labelled: Path, tmp_path: Path, capsys: Capt
     for name in ("a.avi", "b.avi"):
         (tmp_path / name).write_text("no video")
     empty.write_text("file,label,onset_frame,contact_frame\na.avi,none,,\nb.avi,none,,\n")
-    said = run(capsys, "evaluate", empty, "-o", tmp_path / "out").stderr
+    said = run(capsys, "evaluate", empty, *one_process).stderr
     for row, name in ((2, "a.avi"), (3, "b.avi")):
         assert f"; row {row}: {tmp_path / name}: not a video" in said
     assert not list((tmp_path / "out").glob("*"))

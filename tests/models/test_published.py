@@ -75,8 +75,15 @@ def assert_equal(found: list[Any], expected: Iterator[dict[str, float]]) -> None
         assert got == pytest.approx(values, rel=1e-4, abs=1e-6 * np.abs(values).max()), name
 
 
-@pytest.mark.parametrize("kind", ["dark", pytest.param("bright", marks=pytest.mark.slow), "flash"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        # The literal `ttc_gradient` takes a second for a scene.
+        pytest.param(name, kind, marks=pytest.mark.slow if slow else ())
+        for name in NAMES
+        for kind, slow in (("dark", name == "ttc_gradient"), ("bright", True), ("flash", False))
+    ],
+)
 def test_every_value_is_that_of_the_literal_version(name: str, kind: str) -> None:
     frames = scene(kind)
     found = answers(name, frames)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import cv2
@@ -15,7 +15,7 @@ from oppload_cli.motion.flow import Cells, DenseFlow, sample, sampled
 from oppload_cli.motion.rmo import RmoMetrics, RmoParams, rmo_metrics
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from oppload_cli.motion.flow import MotionVectors
 
@@ -114,17 +114,17 @@ def test_vectors_of_a_zoom(factor: float) -> None:
 @pytest.mark.parametrize(
     ("now", "low", "high"),
     [
-        (scaled(1.03), 0.95, 1.0),
-        (scaled(1 / 1.03), -1.0, -0.95),
-        (turned(0.03), -0.05, 0.05),
-        (turned(-0.03), -0.05, 0.05),
-        (shifted(2, 1), 0.0, 0.0),
-        (shifted(0, 0), 0.0, 0.0),
+        (partial(scaled, 1.03), 0.95, 1.0),
+        (partial(scaled, 1 / 1.03), -1.0, -0.95),
+        (partial(turned, 0.03), -0.05, 0.05),
+        (partial(turned, -0.03), -0.05, 0.05),
+        (partial(shifted, 2, 1), 0.0, 0.0),
+        (partial(shifted, 0, 0), 0.0, 0.0),
     ],
     ids=["expansion", "contraction", "rotation", "other rotation", "pan", "still"],
 )
-def test_index_of_a_moving_texture(now: Image, low: float, high: float) -> None:
-    (metrics,) = measured([scaled(1), now])
+def test_index_of_a_moving_texture(now: Callable[[], Image], low: float, high: float) -> None:
+    (metrics,) = measured([scaled(1), now()])
     assert low <= metrics.rmo_index <= high
 
 
