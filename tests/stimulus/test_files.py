@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SHORT = {"timing.before_s": 0.1, "timing.motion_s": 0.3, "timing.after_s": 0.0}
+SMALL = {"display.width": 160, "display.height": 120}
 READ_BACK = (
     "klapoetke2017/bar-expand-10/axis-75",
     "controls/looming-on-moving-texture/direction-90",
@@ -293,7 +294,7 @@ def test_contact_sheet_keeps_the_mean() -> None:
     ],
 )
 def test_lossless_formats_give_the_rendered_luminance(name: str, form: str, tmp_path: Path) -> None:
-    protocol = stimulus.load(name, SHORT)
+    protocol = stimulus.load(name, SHORT | SMALL)
     written = stimulus.write(protocol, tmp_path, form=form)
     with open_video(written.video, height=None) as video:
         for rendered, read in zip(stimulus.frames(protocol), video, strict=True):
@@ -304,7 +305,7 @@ def test_lossless_formats_give_the_rendered_luminance(name: str, form: str, tmp_
 
 def test_mp4_is_within_eight_grey_levels(tmp_path: Path) -> None:
     for name in READ_BACK[:2]:
-        protocol = stimulus.load(name, SHORT)
+        protocol = stimulus.load(name, SHORT | SMALL)
         written = stimulus.write(protocol, tmp_path, form="mp4")
         with open_video(written.video, height=None) as video:
             for rendered, read in zip(stimulus.frames(protocol), video, strict=True):

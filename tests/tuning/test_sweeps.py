@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from oppload_cli.tuning.run import Condition
 
 FIELD_DEG = 72  # of the displays
+SMALL = {"display.width": 144, "display.height": 144, "display.pixels_per_degree": 2.0}
 RATE = 120
 DELAY = 6  # frames
 
@@ -113,9 +114,12 @@ L_OVER_V = [20, 40, 60, 80]
 
 
 def test_the_line_finds_threshold_and_delay_of_the_eta_function() -> None:
-    entry = entry_of("peak-time", {}, ["l/v=20,40,60,80"])
+    entry = entry_of("peak-time", SMALL, ["l/v=20,40,60,80"])
     settings = resolve(
-        models=["theta"], assignments=["theta.alpha=3", "time.interval=frame"], usual="reference"
+        height="native",
+        models=["theta"],
+        assignments=["theta.alpha=3", "time.interval=frame"],
+        usual="reference",
     )
     shown = times(tune(entry, settings), "theta")
     fit = PeakTimes.through(np.array(L_OVER_V) / 1000, shown, 1 / RATE)
@@ -129,8 +133,10 @@ def test_the_line_finds_threshold_and_delay_of_the_eta_function() -> None:
 
 
 def test_the_size_itself_peaks_where_the_disk_stops_growing() -> None:
-    entry = entry_of("peak-time", {"disk.growth.most_deg": 50}, ["l/v=20,60"])
-    settings = resolve(models=["theta"], assignments=["time.interval=frame"], usual="reference")
+    entry = entry_of("peak-time", {**SMALL, "disk.growth.most_deg": 50}, ["l/v=20,60"])
+    settings = resolve(
+        height="native", models=["theta"], assignments=["time.interval=frame"], usual="reference"
+    )
     shown = tune(entry, settings)
     end = np.array([20, 60]) / 1000 / math.tan(math.radians(25))
     late = end - times(shown, "theta")
