@@ -132,7 +132,10 @@ def test_the_first_repeats_are_recognised_once_the_cadence_is_known() -> None:
 
 
 @pytest.mark.parametrize("first", range(4))
-@pytest.mark.parametrize(("rate", "each"), [(30, 2), (30, 3), (60, 3), (60, 4), (30, 5)])
+@pytest.mark.parametrize(
+    ("rate", "each"),
+    [(30, 2), (30, 3), pytest.param(60, 3, marks=pytest.mark.slow), (60, 4), (30, 5)],
+)
 def test_repeats_are_recognised_whichever_frame_of_a_picture_is_the_first(
     rate: int, each: int, first: int
 ) -> None:
@@ -185,7 +188,7 @@ def test_pictures_that_are_coded_anew_are_repeats(
     assert repeats.pictures_per_s(rate) == pytest.approx(pictures, rel=0.05)
 
 
-@pytest.mark.parametrize("crf", [0, 23, 35])
+@pytest.mark.parametrize("crf", [0, pytest.param(23, marks=pytest.mark.slow), 35])
 def test_real_rest_is_not_taken_for_repeats(tmp_path: Path, crf: int) -> None:
     """Noise goes on at rest; motion that stops and goes on again does so slowly, or seldom."""
     shifts = np.concatenate([np.arange(30) * 3, [90] * 15, 90 + np.arange(30) * 3, [180] * 30])

@@ -196,7 +196,7 @@ KINDS = {
     "one-pixel": Kind("mkv", "ffv1", "gray", 1, 1, full=True, error=1e-3, tick=MS),
     "very-wide": Kind("mp4", "libx264", width=256, height=32, options=X264),
     "very-tall": Kind("mp4", "libx264", width=32, height=256, options=X264),
-    "4096x2160": Kind("mp4", "libx264", width=4096, height=2160, frames=2, options=X264),
+    "4096x2160": Kind("mp4", "libx264", width=4096, height=2160, frames=1, options=X264),
     "one-frame": Kind("mp4", "libx264", frames=1, options=X264),
     "two-frames": Kind("mkv", "libx264", frames=2, options=X264, tick=MS),
     "one-frame-gif": Kind("gif", "gif", "gray", frames=1, full=True, error=1e-3),

@@ -48,7 +48,7 @@ def commands(clip: Path) -> dict[str, list[str]]:
     }
 
 
-@pytest.mark.parametrize("size", [10_000, 30_000, 100_000])
+@pytest.mark.parametrize("size", [10_000, pytest.param(30_000, marks=pytest.mark.slow), 100_000])
 def test_files_of_limited_size(clip: Path, tmp_path: Path, size: int) -> None:
     done = ended(tmp_path / "case", commands(clip)["alone"], fsize=size)
     if size == 100_000:
