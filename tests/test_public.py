@@ -35,7 +35,8 @@ def failures_of(tests: list[doctest.DocTest]) -> str:
 
 def once(function: Any, keep: Any) -> Any:
     """Return a function that computes only once what many examples begin with, and keeps that."""
-    common, known = ("controls/looming-perspective", {"rmo": False}), []
+    common = ("controls/looming-perspective", {"rmo": False})
+    known: list[Any] = []
 
     @functools.wraps(function)
     def shared(source: Any, *more: Any, **named: Any) -> Any:
