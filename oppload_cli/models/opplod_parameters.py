@@ -222,7 +222,7 @@ class OpplodParams(DpcParams):
         literal = {"cell": 1, "cone": 90, "compression": 1, "stride": 1}
         literal |= dict.fromkeys(("border", "entering", "pool_sigma", "periphery"), 0)
         literal |= dict.fromkeys(("halved_weight", "persistence", "history"), 0)
-        literal |= dict.fromkeys(("adaptation_level", "light_s", "interpolated"), 0)
+        literal |= {"adaptation_level": 0, "light_s": 0, "interpolated": False}
         for name, value in literal.items():
             if getattr(self, name) != value:
                 raise ParameterError(
