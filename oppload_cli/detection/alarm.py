@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from fractions import Fraction
 from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from oppload_cli.detection.parameters import AlarmParams
+from oppload_cli.models.presets import REFERENCE_INTERVAL
 from oppload_cli.models.timebase import Background
 
 if TYPE_CHECKING:
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 _LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps between frames
 _FIRST_STEP_S = 0.1  # the usual step before any step is known
-_INTERVAL_S = 1 / 30
+_INTERVAL_S = float(Fraction(REFERENCE_INTERVAL))
 _GAP = 2.0  # a step longer than 2 usual steps is a gap: frames are missing
 
 
@@ -26,13 +28,13 @@ class _Steps:
     """Finds gaps, at which frames are missing, from the times of the frames."""
 
     def __init__(self) -> None:
-        self._before_s: float | None = None
+        self.before_s = -math.inf  # time of the frame before
         self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
 
     def gap_s(self, time_s: float) -> float:
         """Return the time since the frame before if frames are missing in between, else 0."""
-        before_s, self._before_s = self._before_s, time_s
-        if before_s is None:
+        before_s, self.before_s = self.before_s, time_s
+        if before_s == -math.inf:
             return 0.0
         step_s = time_s - before_s
         usual_s = median(self._latest) if self._latest else _FIRST_STEP_S
@@ -172,8 +174,7 @@ class Cuts:
         self._params = params or AlarmParams()
         self._changes: deque[tuple[float, float]] = deque()
         self._steps = _Steps()
-        self._before_s = self._cut_s = -math.inf
-        self._cause = ""
+        self._cut_s, self._cause = -math.inf, ""
 
     def step(self, photoreceptors: Map, change: float | None, time_s: float) -> str:
         """Take the next frame.
@@ -194,7 +195,7 @@ class Cuts:
             ``cut`` (or a flash, or a luminance step), ``rest`` (which ended), or ``gap``. Empty for
             a frame that counts.
         """
-        before_s, self._before_s = self._before_s, time_s
+        before_s = self._steps.before_s
         is_gap = self._steps.gap_s(time_s) > max(self._params.hold_s, self._params.blind_s)
         if change is None:
             return ""

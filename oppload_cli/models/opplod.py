@@ -131,13 +131,13 @@ class Opplod(Detector):
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(own, own.both_axes, own.stride)
         self._bars: Bars | None = None
-        self._smaller: SharedLayer[Dpc] | None = None
+        self._half: SharedLayer[Dpc] | None = None
         self.judgement: PooledJudgement | PixelwiseJudgement | ArmsJudgement
         if own.judgement == "pooled":
             self._bars = Bars() if own.border else None
             if own.halved_weight:
-                half = Layers((max(1, shape[0] // 2), max(1, shape[1] // 2)), clock)
-                self._smaller = half.dpc(own, own.both_axes)
+                half = max(1, shape[0] // 2), max(1, shape[1] // 2)
+                self._half = Layers(half, clock).dpc(own, own.both_axes)
             self.judgement = PooledJudgement(shape, own, clock.per_second)
         elif own.judgement == "arms":
             self.judgement = ArmsJudgement(shape, own, clock.per_second)
@@ -166,7 +166,7 @@ class Opplod(Detector):
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        for part in (self._dpc, self._light, self._bars, self._smaller, self.judgement):
+        for part in (self._dpc, self._light, self._bars, self._half, self.judgement):
             if part:
                 part.reset()
 
@@ -184,7 +184,7 @@ class Opplod(Detector):
         """Take the next frame: MDE, OMJ, enhancing.
 
         The result is None until frames have been compared over three intervals, at the working size
-        or at the smaller size.
+        or at half of it.
         """
         dpc = self._dpc.layer
         photoreceptors = dpc.photoreceptors
@@ -194,11 +194,11 @@ class Opplod(Detector):
         if self._light:
             luma = self._light.step(luma, photoreceptors.usual_step)
         ready = self._dpc.step(luma)
-        if self._smaller:
-            ready |= self._smaller.step(smaller(luma, 2))
+        if self._half:
+            ready |= self._half.step(smaller(luma, 2))
         if not ready:
             return None
         if not isinstance(self.judgement, PooledJudgement):
             return self.judgement.judge(dpc)
-        latest = (self._smaller.layer, 2) if self._smaller else None
-        return self.judgement.judge(dpc, latest, self._bars.widths if self._bars else NO_BARS)
+        half = self._half.layer if self._half else None
+        return self.judgement.judge(dpc, half, self._bars.widths if self._bars else NO_BARS)

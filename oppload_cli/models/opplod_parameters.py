@@ -179,7 +179,7 @@ class OpplodParams(DpcParams):
     )
     interpolated: bool = parameter(
         True,
-        "True: frames that are more than an interval apart get interpolated pictures in between",
+        "True: OppLoD also sees interpolated pictures between frames 1.7 to 6.7 intervals apart",
     )
     cone: float = parameter(
         60.0,

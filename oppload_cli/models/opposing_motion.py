@@ -312,8 +312,8 @@ class PooledJudgement(CellJudgement):
         Parameters
         ----------
         dpc : Dpc
-            S_phi of the working frame or of a smaller frame. If `entering` is not 0, this method
-            sets S_phi to 0, in place, where motion may have come from outside the frame.
+            S_phi of the working frame or of the frame at half its size. If `entering` is not 0,
+            this method sets S_phi to 0, in place, where motion may have come from outside.
         reduction : int
             Side of the working frame divided by the side of the maps, at least 1.
 
@@ -357,18 +357,16 @@ class PooledJudgement(CellJudgement):
     def _outward(self, pooled: Maps) -> Map:
         return np.asarray(np.maximum(opponent_products(pooled, self._weights), 0).sum(axis=0))
 
-    def judge(
-        self, dpc: Dpc, smaller: tuple[Dpc, int] | None = None, bars: Widths = NO_BARS
-    ) -> OpplodResponse:
+    def judge(self, dpc: Dpc, half: Dpc | None = None, bars: Widths = NO_BARS) -> OpplodResponse:
         """Judge the motion of one frame.
 
         Parameters
         ----------
         dpc : Dpc
             S_phi of the frame.
-        smaller : tuple of Dpc and int, optional
-            S_phi of the smaller frame, and the reduction of its side. R in the smaller frame is
-            added with the weight `halved_weight`, once motion has lasted long enough there.
+        half : Dpc, optional
+            S_phi of the frame at half its size. R in this frame is added with the weight
+            `halved_weight`, once motion has lasted long enough there.
         bars : Widths
             Bars beside the picture. S counts as 0 in them, and in the `border` along them.
 
@@ -381,13 +379,13 @@ class PooledJudgement(CellJudgement):
         if bars != self._bars:
             self._bars, self._pooling = bars, {}
         both = np.zeros_like(self._persistent)
-        smaller_lasts = smaller is not None and self._lasts(smaller[0].photoreceptors)
-        # The smaller frame comes first, because `opponency` leaves its pathways in `maps`.
-        if smaller and smaller_lasts:
-            both += np.float32(params.halved_weight) * self.opponency(*smaller)
+        half_lasts = half is not None and self._lasts(half.photoreceptors)
+        # The frame at half its size comes first, because `opponency` leaves its pathways in `maps`.
+        if half and half_lasts:
+            both += np.float32(params.halved_weight) * self.opponency(half, 2)
         if self._lasts(photoreceptors):
             both += self.opponency(dpc)
-        elif not smaller_lasts:
+        elif not half_lasts:
             self._persistent[:] = 0  # begin again, as at the start of the video
         if params.persistence:
             both = self._persisted(both, photoreceptors)

@@ -1,4 +1,4 @@
-"""Motion vectors of a video on a grid, from optical flow (dense inverse search)."""
+"""Optical flow (dense inverse search): motion vectors on a grid, and pictures between frames."""
 
 from __future__ import annotations
 
@@ -12,15 +12,22 @@ from oppload_cli.errors import FrameError
 from oppload_cli.motion.rmo import RmoMetrics, RmoParams, length, rmo_metrics
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     Grey = NDArray[np.uint8]
+    Luma = NDArray[np.float32]  # 0 to 1
     Points = NDArray[np.float64]  # shape (..., 2): x, y
 
 
 # Least side in px of a reduced frame for which flow is computed. OpenCV's inverse search refuses
 # sides below 8 to 12 px, and its patches of 8 px have no meaning in such small frames.
 _SHORTEST_SIDE = 16
+# Frames that are more than 6.7 intervals apart differ too much for pictures in between.
+_MOST_INTERVALS = 6
+# A step of n - 0.3 to n + 0.7 intervals becomes n steps of 0.85 to 1.35 intervals.
+_ROUNDED_UP = 0.3
 # Margin around the part of the frame that changed, in samples of the reduced frame.
 _MARGIN = 2
 
@@ -157,8 +164,7 @@ class DenseFlow:
             self._prepare(luma.shape[0], luma.shape[1])
         height, width = (side - side % self._reduction for side in luma.shape)
         part = luma[:height, :width]
-        grey = part.copy() if part.dtype == np.uint8 else cv2.convertScaleAbs(part, alpha=255.0)
-        frame = np.asarray(grey, np.uint8)
+        frame = np.array(part, np.uint8) if part.dtype == np.uint8 else _grey_levels(part)
         self._frames = [*self._frames[-1:], frame]
         self._reduced = [*self._reduced[-1:], reduce(frame, self._reduction)]
         return self._sampled() if len(self._frames) > 1 else None
@@ -232,3 +238,49 @@ def _check(luma: NDArray[np.float32] | NDArray[np.uint8], shape: tuple[int, int]
         raise FrameError(
             f"the frame is of shape {luma.shape} after one of {shape}; call reset() between videos"
         )
+
+
+def _grey_levels(luma: NDArray[np.float32] | Grey) -> Grey:
+    return np.asarray(cv2.convertScaleAbs(luma, alpha=255.0), np.uint8)
+
+
+# ---- Pictures between frames ---------------------------------------------------------------
+
+
+class Interpolation:
+    """Adds pictures between frames, so that edges move as little between them as at 30 frames/s.
+
+    At low frame rates, and where frames are missing, a fast edge moves so far in one step that S
+    does not show its direction. Optical flow tells where each pixel is between two frames. Both
+    frames are shifted to that place, and averaged with weights by time.
+
+    Source: ``docs/time.md``; Kroeger et al. 2016 for the flow (dense inverse search).
+    """
+
+    def __init__(self) -> None:
+        self._search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+        self._before: Luma | None = None
+
+    def step(self, luma: Luma, intervals: float) -> Iterator[tuple[float, Luma]]:
+        """Take the next frame; yield the pictures between it and the frame before.
+
+        `luma` is float32, 0 to 1, and is kept, not copied. `intervals` is the time since the frame
+        before. Each picture comes with its place in this time, between 0 and 1.
+        """
+        before, self._before = self._before, luma
+        count = int(intervals + _ROUNDED_UP) if intervals < _MOST_INTERVALS + 1 - _ROUNDED_UP else 1
+        if before is None or count < 2 or min(luma.shape) < _SHORTEST_SIDE:
+            return
+        flow = np.zeros((*luma.shape, 2), np.float32)
+        first, second = (_grey_levels(each) for each in (before, luma))
+        self._search.calc(first, second, flow)
+        y, x = np.mgrid[: luma.shape[0], : luma.shape[1]].astype(np.float32)
+        for share in (number / count for number in range(1, count)):
+            picture = np.zeros_like(luma)
+            for frame, passed, weight in (before, -share, 1 - share), (luma, 1 - share, share):
+                dx, dy = np.float32(passed) * flow[..., 0], np.float32(passed) * flow[..., 1]
+                shifted = cv2.remap(
+                    frame, x + dx, y + dy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+                )
+                picture += np.float32(weight) * shifted
+            yield share, picture

@@ -24,9 +24,8 @@ from oppload_cli.models.detector import Box
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, parse_height, preset_named
 from oppload_cli.models.registry import DetectorBank, default_names, detector_of, parameters_of
 from oppload_cli.models.timebase import NEARLY_ONE, TimeParams, time_params
-from oppload_cli.motion.flow import DenseFlow
+from oppload_cli.motion.flow import DenseFlow, Interpolation
 from oppload_cli.motion.rmo import DEFAULT_RMO, RmoMetrics, RmoParams
-from oppload_cli.pipeline.interpolation import Interpolation
 from oppload_cli.pipeline.repeats import Repeat, RepeatParams, Repeats
 from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
 from oppload_cli.processes.threads import Prefetch
@@ -414,10 +413,11 @@ class _Preparation:
     def _again(self, first: list[_Prepared], latest: _Prepared) -> _Prepared:
         """Return the latest frame; if a cadence is known now, with the first frames once more."""
         first.append(latest)
+        seconds = latest.frame.time_s - first[0].frame.time_s
+        if seconds > _FIRST_S or len(first) * latest.frame.luma.nbytes > _FIRST_BYTES:
+            self._first = None
+            return latest
         if not self.repeats.is_cadence:
-            seconds = latest.frame.time_s - first[0].frame.time_s
-            if seconds > _FIRST_S or len(first) * latest.frame.luma.nbytes > _FIRST_BYTES:
-                self._first = None
             return latest
         self._first = None
         found = self.repeats.again([(each.frame.luma, each.frame.time_s) for each in first])
@@ -446,8 +446,8 @@ class _Detectors:
         self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
         self._interpolation = Interpolation()
         self._interpolates = any(each.interpolated for each in self._bank.detectors.values())
-        self._before_s = self._taken_s = 0.0  # times of that frame: presented, taken
         self._latest: FrameRecord | None = None  # of the latest frame that the detectors got
+        self._before_s = self._taken_s = 0.0  # when this frame was presented, and taken
         self._passed_over_s: list[float] = []  # times of the frames after this one
         self._places = {
             name: Detections(working, places, 1 / time.per_second if time.per_second else 0)

@@ -253,6 +253,6 @@ def test_the_opponency_at_half_the_size_is_added() -> None:
         for shape in (SHAPE, (20, 30))
     )
     r, other = judgement.opponency(maps), judgement.opponency(half, 2)
-    judged = judgement.judge(maps, (half, 2)).opponency
+    judged = judgement.judge(maps, half).opponency
     assert judged == pytest.approx((r + 0.5 * other)[0].max())
     assert judged > judgement.judge(maps).opponency

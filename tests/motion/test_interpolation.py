@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import Analysis, DlgmdParams, analyse
-from oppload_cli.pipeline.interpolation import Interpolation
+from oppload_cli.motion.flow import Interpolation
 from tests.media import disk, texture
 from tests.presets import DEFAULT, REFERENCE
 
