@@ -8,19 +8,24 @@
 The program draws looming disks at the times of the frames, at 10 to 240 frames/s and with dropped
 and jittered frames. It analyses them as ``oppload run`` does. The frames end when the disk stops to
 grow. The peak depends on the time from the last frame to this moment. So every rate is shown with
-`--phases` shifts of its first frame, and compared with the mean at 30 frames/s. With `--preset`
-only OppLoD runs, under that preset. With `--between` the detectors also see the frames between, at
-240 frames/s, but only responses at the times of the frames count: this is the share of a peak that
-these times leave. `--clips` shows every frame, every second or every third frame of labelled clips,
-and counts the alarms at the floors of the package.
+`--phases` shifts of its first frame, and compared with the mean at 30 frames/s. Dropped and
+jittered frames are drawn at random, 4 times for each shift. With `--preset` only OppLoD runs, under
+that preset. With `--between` the detectors also see the frames between, at 240 frames/s, but only
+responses at the times of the frames count: this is the share of a peak that these times leave.
+`--clips` shows every frame, every second or every third frame of labelled clips, and counts the
+alarms at the floors of the package.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from itertools import product
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -54,11 +59,16 @@ if TYPE_CHECKING:
 
     Times = NDArray[np.float64]
     Case = tuple[str, str, str]  # the disk, the preset and the detector
-    Table = dict[tuple[Case, float, str], tuple[float, ...]]
+    Table = dict[tuple[Case, float, str], "_Compared"]
 
 RATES = (10, 15, 24, 25, 30, 50, 60, 90, 120, 240)
 FINEST = 240  # frames/s of `--between`
-COARSE = ((10, ""), (15, ""), (24, ""), (30, "dropped"), (30, "jittered"))
+COARSE = (10, 15, 24)
+UNEVEN = (
+    *((30, "dropped"), (30, "jittered"), (60, "dropped and jittered")),
+    *((30, "steps 1, 2"), (30, "steps 1, 3")),
+)
+DRAWS = 4  # random draws for each shift of the first frame
 DISKS = {
     "l/v 20 ms": ("klapoetke2017/loom-l-over-v", 20),
     "l/v 40 ms": ("klapoetke2017/loom-l-over-v", 40),
@@ -96,6 +106,18 @@ class _Result(NamedTuple):
     alarm_s: float
 
 
+class _Compared(NamedTuple):
+    """Runs of one detector on one disk, compared with those at 30 frames/s."""
+
+    peak: float  # mean ratio of the peaks
+    least: float
+    largest: float
+    peak_late_s: float  # mean difference of the times of the peaks
+    alarm_late_s: float  # mean difference of the first alarms, of the runs with an alarm
+    without: int  # number of runs without an alarm
+    runs: int
+
+
 def _disk(name: str) -> tuple[Protocol, float]:
     """Return a stimulus and the time at which its disk stops to grow."""
     protocol, l_over_v = DISKS[name]
@@ -107,15 +129,15 @@ def _disk(name: str) -> tuple[Protocol, float]:
     return loaded, contact_s - l_over_v / 1000 / np.tan(np.radians(30))
 
 
-def _frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
+def _frame_times(rate: float, kind: str, phase: float, end_s: float, draw: int = 0) -> Times:
     """Return the times of frames up to `end_s`, of which the first is `phase` frames late.
 
     `kind` is empty for even times. With "dropped" about every seventh frame is left out. With
-    "jittered" each time changes by up to a quarter of a frame. With "steps 1, 3" the steps from
-    frame to frame are 1 and 3 frames in turns.
+    "jittered" each time changes by up to a quarter of a frame. `draw` is the number of the random
+    draw. With "steps 1, 3" the steps from frame to frame are 1 and 3 frames in turns.
     """
     times = (np.arange(int(end_s * rate) + 1) + phase) / rate
-    random = np.random.default_rng([5, round(1000 * phase)])
+    random = np.random.default_rng([5, round(1000 * phase), draw])
     jitter = (random.random(len(times)) - 0.5) * 0.5 / rate
     dropped = random.random(len(times)) < 0.15
     if "jittered" in kind:
@@ -145,21 +167,19 @@ def _records_of(case: Case, rate: float, times: Times, interval: str) -> list[Fr
     )  # fmt: skip
 
 
-def _result_of(case: Case, rate: float, kind: str, phase: float, interval: str) -> _Result:
+def _result_of(case: Case, rate: float, times: Times, interval: str = "1/30") -> _Result:
     """Return the result of one detector on one disk."""
-    name, _, model = case
-    times = _frame_times(rate, kind, phase, _disk(name)[1])
     records = _records_of(case, rate, times, interval)
-    responses = [(each.response, -r.time_s) for r in records if (each := r.responses[model])]
+    responses = [(each.response, -r.time_s) for r in records if (each := r.responses[case[2]])]
     peak, peak_s = max(responses)
-    alarm_s = next((record.time_s for record in records if record.alarms[model]), np.nan)
+    alarm_s = next((record.time_s for record in records if record.alarms[case[2]]), np.nan)
     return _Result(peak, -peak_s, alarm_s)
 
 
-def _between_of(case: Case, rate: float, kind: str, phase: float) -> float:
+def _between_of(case: Case, rate: float, phase: float) -> float:
     """Return the largest response at the times of the frames if frames between are seen too."""
     end_s = _disk(case[0])[1]
-    times = _frame_times(rate, kind, phase, end_s)
+    times = _frame_times(rate, "", phase, end_s)
     between = np.arange(0, end_s, 1 / FINEST)
     apart_s = np.abs(between[:, None] - times).min(axis=1)
     seen = np.sort(np.concatenate((times, between[apart_s > 0.5 / FINEST])))
@@ -174,43 +194,52 @@ def _between(phases: int) -> Iterator[str]:
     yield f"| frames/s | detector | {' | '.join(disks)} |"
     yield "|---|---|" + "---|" * len(disks)
     detectors = dict.fromkeys(case[1:] for case in CASES)
-    for (rate, kind), (preset, model) in product(COARSE, detectors):
+    for rate, (preset, model) in product(COARSE, detectors):
         ratios = []
         for name in disks:
             case = name, preset, model
             reference = np.mean([each.peak for each in _results_of(case, 30, "", phases, "1/30")])
-            found = [_between_of(case, rate, kind, shift / phases) for shift in range(phases)]
+            found = [_between_of(case, rate, shift / phases) for shift in range(phases)]
             ratios.append(f"{np.mean(found) / reference:.2f}")
-        yield f"| {rate} {kind} | {model}, {preset} | {' | '.join(ratios)} |"
+        yield f"| {rate} | {model}, {preset} | {' | '.join(ratios)} |"
 
 
 def _results_of(case: Case, rate: float, kind: str, phases: int, interval: str) -> list[_Result]:
-    """Return the results at all shifts of the first frame."""
+    """Return the results at all shifts of the first frame, and of all random draws."""
     count = phases if rate <= 60 or kind else 1
-    return [_result_of(case, rate, kind, shift / count, interval) for shift in range(count)]
+    draws = DRAWS if "dropped" in kind or "jittered" in kind else 1
+    end_s = _disk(case[0])[1]
+    return [
+        _result_of(case, rate, _frame_times(rate, kind, shift / count, end_s, draw), interval)
+        for shift, draw in product(range(count), range(draws))
+    ]
+
+
+def _measured_case(phases: int, interval: str, rates: tuple[float, ...], case: Case) -> Table:
+    at_30 = _Result(*np.mean(_results_of(case, 30, "", phases, interval), axis=0))
+    table: Table = {}
+    for rate, kind in [*((rate, "") for rate in rates), *(UNEVEN if interval != FRAME else ())]:
+        here = np.array(_results_of(case, rate, kind, phases, interval))
+        ratios = here[:, 0] / at_30.peak
+        peak_late_s, alarm_late_s = (here[:, 1:] - at_30[1:]).T
+        late = alarm_late_s[np.isfinite(alarm_late_s)]
+        table[case, rate, kind] = _Compared(
+            ratios.mean(), ratios.min(), ratios.max(), peak_late_s.mean(),
+            late.mean() if len(late) else np.nan, len(here) - len(late), len(here),
+        )  # fmt: skip
+    return table
 
 
 def _measured(
     phases: int, interval: str, rates: tuple[float, ...], cases: tuple[Case, ...] = CASES
 ) -> Table:
-    """Compare each case, rate and kind with the mean of the case at 30 frames/s.
-
-    The values are mean, least and largest ratio of the peaks, and the mean differences of the times
-    of the peak and of the first alarm.
-    """
+    """Compare each case at each rate with the mean of the case at 30 frames/s."""
     table: Table = {}
-    for case in cases:
-        reference = _Result(*np.mean(_results_of(case, 30, "", phases, interval), axis=0))
-        kinds = [(30, "dropped"), (30, "jittered"), (60, "dropped and jittered")]
-        kinds += [(30, "steps 1, 2"), (30, "steps 1, 3")]
-        for rate, kind in [*((rate, "") for rate in rates), *(kinds if interval != FRAME else ())]:
-            here = np.array(_results_of(case, rate, kind, phases, interval))
-            ratios = here[:, 0] / reference.peak
-            table[case, rate, kind] = (
-                *(ratios.mean(), ratios.min(), ratios.max()),
-                *(here[:, 1:].mean(axis=0) - reference[1:]),
-            )
-        print(case, {k[1:]: np.round(v, 3).tolist() for k, v in table.items() if k[0] == case})
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+        for each in pool.map(partial(_measured_case, phases, interval, rates), cases):
+            table |= each
+            for (case, rate, kind), values in each.items():
+                print(*case, rate, kind, np.round(values, 3).tolist(), flush=True)
     return table
 
 
@@ -223,12 +252,18 @@ def _markdown(table: Table) -> Iterator[str]:
     for rate, kind in dict.fromkeys(key[1:] for key in table):
         cells = []
         for detector in detectors:
-            rows = [v for (c, *how), v in table.items() if (c[1:], *how) == (detector, rate, kind)]
-            peaks = [row[0] for row in rows if np.isfinite(row[0])]  # D-LGMD misses slow disks
-            alarms = [row[4] for row in rows]
-            late = [each for each in alarms if not np.isnan(each)]
+            rows = {
+                c: v for (c, *how), v in table.items() if (c[1:], *how) == (detector, rate, kind)
+            }
+            peaks = [row.peak for row in rows.values() if np.isfinite(row.peak)]
             cells.append(f"{min(peaks):.2f} to {max(peaks):.2f}")
-            cells.append(f"{min(late):+.3f} to {max(late):+.3f}" if late else "none")
+            # D-LGMD misses slow disks at every rate: they do not count as disks without an alarm.
+            detected = [row for case, row in rows.items() if not table[case, 30, ""].without]
+            late = [round(row.alarm_late_s, 3) + 0.0 for row in detected if row.without < row.runs]
+            alarms = f"{min(late):+.3f} to {max(late):+.3f}" if late else "none"
+            if late and (without := sum(row.without for row in detected)):
+                alarms += f", none in {without} of {sum(row.runs for row in detected)}"
+            cells.append(alarms)
         yield f"| {rate:g} {kind} | {' | '.join(cells)} |"
 
 
@@ -243,8 +278,8 @@ def _draw(path: Path, before: Table, after: Table) -> None:
     ):
         for case in CASES:
             rates = [rate for each, rate, kind in table if each == case and not kind]
-            ratios = [max(1.2e-4, table[case, rate, ""][0]) for rate in rates]
-            if not np.isfinite(table[case, 30, ""][0]):  # no response at 30 frames/s
+            ratios = [max(1.2e-4, table[case, rate, ""].peak) for rate in rates]
+            if not np.isfinite(table[case, 30, ""].peak):  # no response at 30 frames/s
                 continue
             colour = {"default": "#D55E00", "reference": "#CC79A7"}[case[1]]
             axes.plot(rates, ratios, "o-", ms=3, color="#0072B2" if case[2] == "dlgmd" else colour)
@@ -265,7 +300,9 @@ def _controls() -> Iterator[str]:
     """Yield the largest response to controls over that to the disk of l/v 40 ms, and alarms."""
     protocols = [protocol for name in CONTROLS for protocol in load_all(name)]
     for preset, rate in product(("default", "reference"), (30, 120, 240)):
-        looming = _result_of(("l/v 40 ms", preset, "opplod"), rate, "", 0, "1/30").peak
+        disk = "l/v 40 ms"
+        times = _frame_times(rate, "", 0, _disk(disk)[1])
+        looming = _result_of((disk, preset, "opplod"), rate, times).peak
         for protocol in protocols:
             end_s = float(protocol.frame_count / protocol.display.frame_rate)
             video = _ShownAt(protocol, 240, rate, _frame_times(rate, "", 0, end_s))
