@@ -217,12 +217,16 @@ class _Painter:
     def paint(self, picture: Picture, pose: Pose) -> None:
         window, coverage = self._coverage(pose)
         if coverage.size:
-            part = picture[window.slices]
-            part += (self._colours(pose, window) - part) * coverage.astype(np.float32)
+            part, colours = picture[window.slices], self._colours(pose, window)
+            share = coverage.astype(np.float32)
+            part += (colours - part) * share
+            if colours.ndim == 0:
+                # In float32, 0.5 + (0.1 - 0.5) is less than 0.1, and becomes another grey level.
+                np.copyto(part, colours, where=share == 1)
 
-    def _colours(self, pose: Pose, window: Window) -> Picture:
-        """Return the luminance of the object's pixels, float32 of the window's shape."""
-        return np.full(window.shape, pose.luminance, dtype=np.float32)
+    def _colours(self, pose: Pose, _window: Window) -> Picture:
+        """Return the luminance of the object's pixels, float32; a shape of one luminance has ()."""
+        return np.array(pose.luminance, dtype=np.float32)
 
     def _coverage(self, pose: Pose) -> tuple[Window, Floats]:
         """Return the share of each pixel that the shape covers."""

@@ -157,6 +157,17 @@ def test_objects_cover_one_another_in_order() -> None:
     assert grey[5, 5] == 255
 
 
+@pytest.mark.parametrize("kind", ["disk", "square", "field"])
+def test_an_object_has_the_grey_level_of_its_luminance_on_every_ground(kind: str) -> None:
+    obj = Object(id="o", kind=kind, size_deg=10, luminance=0.1)
+    greys = {
+        ground: int(Renderer(dataclasses.replace(made(obj), display=on)).grey(0)[90, 100])
+        for ground in (0.0, 0.3, 0.5, 1.0)
+        for on in [Display(width=200, height=180, pixels_per_degree=5, background=ground)]
+    }
+    assert set(greys.values()) == {26}  # 25.5, rounded half to even
+
+
 def test_invert_swaps_dark_and_light() -> None:
     disk = Object(id="disk", kind="disk", size_deg=9.7)
     plain, inverted = (
