@@ -102,7 +102,7 @@ def is_drawn(obj: Object, time: float, start: float, end: float) -> bool:
 
 
 def _contact_in(obj: Object, time: float, start: float, end: float) -> float | None:
-    if obj.reverse or passes(obj, start, end):
+    if obj.kind not in LOOMING or obj.reverse or passes(obj, start, end):
         return None
     contact = approach_contact(obj, end)
     return contact - time if contact is not None and start <= time < min(contact, end) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -47,6 +48,14 @@ def test_reference_disk_off_centre() -> None:
     truth = stimulus.ground_truth(stimulus.load("opplod2023/looming-disk-off-centre"))
     disk = truth["frames"][10]["objects"][0]
     assert (disk["centre_x_px"], disk["centre_y_px"]) == pytest.approx((430, 230))
+
+
+def test_a_bar_that_grows_like_an_approach_has_no_contact() -> None:
+    protocol = stimulus.load("klapoetke2017/loom-l-over-v/l-over-v-40")
+    bar = replace(protocol.objects[0], kind="bar", width_deg=10)
+    truth = stimulus.ground_truth(replace(protocol, objects=(bar,)))
+    contacts = {frame["objects"][0]["time_to_contact_s"] for frame in truth["frames"]}
+    assert (truth["looming"], truth["contact_time_s"], contacts) == (False, None, {None})
 
 
 def test_approach_has_a_time_of_contact() -> None:
