@@ -211,7 +211,9 @@ def _of_detector(
         )
     if len(tuning.parameters) > 1:
         other = next(name for name in tuning.parameters if name != direction)
-        raise ResultError(f"{tuning.path}: column '{other}' is swept too; draw --kind heat")
+        two = len(tuning.parameters) == 2
+        advice = "draw --kind heat" if two else "a plot shows two swept columns at most"
+        raise ResultError(f"{tuning.path}: column '{other}' is swept too; {advice}")
     rows = tuning.of(detector)
     if rows.empty:
         raise ResultError(f"{tuning.path}: column 'model' never holds '{detector}'; leave it out")

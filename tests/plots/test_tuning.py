@@ -89,10 +89,17 @@ def test_lplc2_stands_beside_its_own_bar_only(tmp_path: Path) -> None:
         assert any(name.startswith("LPLC2") for name in names) == overlaid, changes
 
 
-def test_more_than_a_plot_can_show_is_refused(tmp_path: Path) -> None:
-    three = {"a.x": [1.0, 2], "a.y": [1.0, 2], "a.z": [1.0, 2]}
+@pytest.mark.parametrize(
+    ("first", "reason"),
+    [
+        ("a.x", r"a\.x, a\.y and a\.z are swept; a plot shows two"),
+        ("a.axis_deg", r"column 'a\.y' is swept too; a plot shows two"),
+    ],
+)
+def test_more_than_a_plot_can_show_is_refused(first: str, reason: str, tmp_path: Path) -> None:
+    three = {first: [1.0, 2], "a.y": [1.0, 2], "a.z": [1.0, 2]}
     table = read_tuning(write_tuning(tmp_path / "3.tuning.csv", three, {"opplod": [1.0, 2]}))
-    with pytest.raises(ResultError, match=r"a\.x, a\.y and a\.z are swept; a plot shows two"):
+    with pytest.raises(ResultError, match=reason):
         plot_tuning(table)
 
 
