@@ -331,10 +331,13 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
     advice = "a luminance; run 'oppload tune --figure contrast'"
     curves = request.curves()
     columns = [column_of(curve.tuning, ".luminance", advice) for curve in curves]
-    grounds = [_background(curve.tuning) for curve in curves]
+    contrasts = [
+        _contrast(curve.tuning, curve.rows[column].to_numpy(float))
+        for curve, column in zip(curves, columns, strict=True)
+    ]
     with _single(request, curves) as (figure, panel):
-        for curve, column, ground in zip(curves, columns, grounds, strict=True):
-            x, y = 100 * (curve.rows[column].to_numpy(float) - ground) / ground, curve.peaks
+        for curve, contrast in zip(curves, contrasts, strict=True):
+            x, y = contrast, curve.peaks
             if 0 not in x:  # a gap, so that no line crosses a contrast that was not measured
                 x, y = np.append(x, 0), np.append(y, np.nan)
             order = np.argsort(x)
@@ -347,18 +350,27 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
     return figure, [panel]
 
 
-def _background(tuning: Tuning) -> float:
-    """Return the luminance of the ground; raise ResultError if it is not known, or black."""
+def _contrast(tuning: Tuning, luminance: Series) -> Series:
+    """Return the contrast of an object's luminance to the ground in %, as the frames show it.
+
+    Raises
+    ------
+    ResultError
+        If the luminance of the ground is not known, or the ground is black.
+    """
+    first = first_stimulus(tuning)
     try:
-        ground = float(first_stimulus(tuning)["display"]["background"])
-    except (KeyError, TypeError, ValueError):
+        ground = float(first["display"]["background"])
+        if first.get("effects", {}).get("invert"):
+            ground, luminance = 1 - ground, 1 - luminance
+    except (KeyError, TypeError, ValueError, AttributeError):
         ground = 0.0
     if not ground > 0:
         raise ResultError(
             f"{tuning.path}: contrast needs a ground that is not black in display.background of "
             f"{tuning.path.with_suffix('.json').name}; draw --kind line"
         )
-    return ground
+    return 100 * (luminance - ground) / ground
 
 
 def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:

@@ -312,6 +312,17 @@ def test_contrast_is_a_share_of_the_ground(tmp_path: Path) -> None:
         plot_tuning(read_tuning(tmp_path / "a.tuning.csv"), "contrast")
 
 
+def test_contrast_is_that_of_the_inverted_frames(tmp_path: Path) -> None:
+    path = tmp_path / "a.tuning.csv"
+    made(path, {"disk.luminance": [0.0, 0.4, 1.0]}, {"opplod": [1.0, 2, 3]})
+    sidecar = json.loads(path.with_suffix(".json").read_text())
+    sidecar["stimulus"]["first"] |= {"display": {"background": 0.6}, "effects": {"invert": True}}
+    path.with_suffix(".json").write_text(json.dumps(sidecar))
+    _, (panel,) = plot_tuning(read_tuning(path), "contrast")
+    contrast = np.asarray(panel.lines[0].get_xdata(), float)
+    np.testing.assert_allclose(contrast, [-100, 0, 50, 150])  # of 0, 0.6 and 1 to the ground 0.4
+
+
 def test_a_contrast_of_0_that_was_measured_is_joined(tmp_path: Path) -> None:
     values = {"disk.luminance": [0.4, 0.5, 0.6]}
     tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [2.0, 0, 2]})
