@@ -47,7 +47,9 @@ from oppload_cli.video.opening import Opening, is_video_file
 @click.option("--end", metavar="POSITION", help="Stop before this.")
 @click.option("--duration", metavar="POSITION", help="Stop this long after the start.")
 @click.option(
-    "--image-rate", metavar="HZ", help="Frames/s of images, which have no times.  [default: 30]"
+    "--image-rate",
+    metavar="HZ",
+    help="Frames/s of images, which have no times.  [default: of their ground truth, or 30]",
 )
 @click.option(
     "--annotate", is_flag=True, help="Write {stem}.annotated.mp4 too: boxes, responses and alarms."

@@ -26,7 +26,7 @@ from oppload_cli.files.reading import is_file, is_folder, is_there, reading, tex
 from oppload_cli.results.truths import read_truth
 from oppload_cli.stimulus.catalogue import parsed_setting
 from oppload_cli.stimulus.objects import PICTURE
-from oppload_cli.video.inputs import GROUND_TRUTH, is_video
+from oppload_cli.video.inputs import is_video, truth_beside
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
@@ -330,11 +330,11 @@ def _manifest_in(inputs: Sequence[str]) -> Path | None:
     if len(inputs) > 1 or path.suffix == ".toml":
         return None
     if os.path.lexists(path):
-        if _is_clip(inputs[0]) and _truth_beside(path).is_file():
+        if _is_clip(inputs[0]) and truth_beside(path).is_file():
             return None
         if is_video(path.name):
             raise ManifestError(
-                f"{path}: has no ground truth beside it ({_truth_beside(path).name}); write a "
+                f"{path}: has no ground truth beside it ({truth_beside(path).name}); write a "
                 "manifest that says when its contact is"
             )
         return path
@@ -376,10 +376,6 @@ def _takes_footage(table: Table) -> bool:
     return "background" in scene and "cut_s" not in scene and not moved
 
 
-def _truth_beside(video: Path) -> Path:
-    return video.with_name(video.stem + GROUND_TRUTH)
-
-
 def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
     """Return stimuli, and videos of stimuli, with labels from their ground truth.
 
@@ -395,7 +391,7 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
             if isinstance(source, Path):
                 with open_video(source) as opened:
                     facts = opened.facts
-                size, path = (facts.width, facts.height), _truth_beside(source)
+                size, path = (facts.width, facts.height), truth_beside(source)
                 truth = read_truth(path, *size, facts.frames_declared)
             else:
                 size = source.display.width, source.display.height

@@ -7,7 +7,6 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import asdict
-from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import cv2
@@ -37,12 +36,13 @@ from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.results.truths import facts_of_truth, read_truth
-from oppload_cli.video.inputs import GROUND_TRUTH, Span
+from oppload_cli.video.inputs import Span, truth_beside
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.optics import Optics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.pipeline.task import Watcher
@@ -206,7 +206,7 @@ class _Run:
         self._summaries = {name: ModelSummary() for name in task.settings.models}
         self._alarms = {name: AlarmLog(name) for name in task.settings.models}
         self._repeats = Repeats(task.settings.repeats)
-        self._stimulus = stimulus or _ground_truth(Path(task.name), video.facts)
+        self._stimulus = stimulus or _ground_truth(task.name, video.facts)
         self._display = _display(video.facts, self._stimulus)
         # No video file states the field of view. Focal lengths in image files are those of the
         # uncropped sensor, and videos seldom use the complete sensor.
@@ -409,12 +409,12 @@ def _display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics | 
         return None
 
 
-def _ground_truth(video: Path, facts: InputFacts) -> dict[str, Any] | None:
+def _ground_truth(name: str, facts: InputFacts) -> dict[str, Any] | None:
     """Return the main facts of the ground truth beside the video of a stimulus, if it exists.
 
     If the ground truth is unusable, or belongs to another video, the result has an ``error``.
     """
-    path = video.with_name(video.stem + GROUND_TRUTH)
+    path = truth_beside(name)
     if not os.path.lexists(path):  # also False, without an error, if the name is too long
         return None
     try:

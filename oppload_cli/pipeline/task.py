@@ -29,7 +29,7 @@ from oppload_cli.results.table import (
     write_sidecar,
 )
 from oppload_cli.video.frames import USUAL_RATE, WorkingSize
-from oppload_cli.video.inputs import ANNOTATED, Span
+from oppload_cli.video.inputs import ANNOTATED, Span, rate_beside
 from oppload_cli.video.optics import FOV, Optics
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ class Task:
     settings: Settings
     outputs: Outputs | None = None  # None: the table goes to standard output
     span: Span = field(default_factory=Span)  # the part of the input
-    image_rate: Fraction | None = None  # frames/s of images; None assumes 30
+    image_rate: Fraction | None = None  # frames/s of images; None: of the ground truth, or 30
     if_exists: IfExists = IfExists.ERROR
     command: Sequence[str] = ()  # the command line, for the sidecar
     threads: int = 0  # of the decoder, and of detectors on large frames; 0: automatic
@@ -219,7 +219,9 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     if other_size or name != PurePath(facts["name"]).name:
         yield f"of another input, {facts['name']}"
     rate = facts["frame_rate"]
-    if facts["kind"] == "images" and Fraction(rate) != (task.image_rate or USUAL_RATE):
+    if facts["kind"] == "images" and Fraction(rate) != (
+        task.image_rate or rate_beside(task.name) or USUAL_RATE
+    ):
         yield f"of images at {rate} frames/s; see --image-rate"
     if list(settings.models) != content["models"]:
         yield f"of the models {', '.join(content['models'])}, not {', '.join(settings.models)}"

@@ -28,7 +28,7 @@ from oppload_cli.video.frames import (
     check_pixels,
     max_pixels,
 )
-from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER
+from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER, rate_beside
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -48,14 +48,16 @@ _DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # Pillow's modes with 16 
 class ImageSource:
     """A sequence of images, in the order of the numbers in their names.
 
-    `name` is a folder, or a pattern such as ``frames_%04d.png``. `frame_rate` None assumes 30
-    frames/s. Raises SourceError if no image exists, or none can be read.
+    `name` is a folder, or a pattern such as ``frames_%04d.png``. `frame_rate` None takes the rate
+    of the ground truth beside the folder, or assumes 30 frames/s. Raises SourceError if no image
+    exists, or none can be read.
     """
 
     def __init__(self, name: str, frame_rate: Fraction | None) -> None:
         self.decode = DecodeFacts()
         self.stopping = False
-        self._rate = frame_rate or USUAL_RATE
+        stated = frame_rate or rate_beside(name)
+        self._rate = stated or USUAL_RATE
         self._paths = _image_paths(name)
         height, width = self._first_readable().shape[:2]
         self.facts = InputFacts(
@@ -64,7 +66,7 @@ class ImageSource:
             width=width,
             height=height,
             frame_rate=self._rate,
-            rate_assumed=frame_rate is None,
+            rate_assumed=stated is None,
             frames_declared=len(self._paths),
             codec=self._paths[0].suffix.lower().lstrip("."),
             pixel_format="gray",

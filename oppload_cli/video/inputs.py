@@ -11,12 +11,13 @@ import math
 import os
 import re
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from numbers import Real
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, SourceError, cannot_read, without_login
-from oppload_cli.files.reading import fault_of_stem, is_file, is_folder, is_there
+from oppload_cli.files.reading import fault_of_stem, is_file, is_folder, is_there, text_of
 from oppload_cli.video.frames import FrameTimes, is_integer
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ _NUMBERED = re.compile(r"[0-9]\.[^.]+$")  # frame_0001.png
 _CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
 _LONGEST_STEM = 200  # bytes; a complete file name may have 255
 _SHOWN = 3  # most names in a sentence
+_HIGHEST_RATE = 100_000  # frames/s of images
 
 
 class _Found(NamedTuple):
@@ -208,6 +210,26 @@ def _single_inputs(name: str) -> list[str]:
     if not videos and not any(_suffix(each.name) in IMAGE_SUFFIXES for each in files):
         raise SourceError(f"{name}: no video and no image in this folder; check the path")
     return videos or [name]
+
+
+def truth_beside(name: str | Path) -> Path:
+    """Return the path of an input's ground truth, which may not exist."""
+    path, folder = Path(name), is_folder(name)
+    if folder and path.name in {"", ".."}:  # such as ".": its own name is in its complete path
+        path = path.absolute().resolve()
+    # The name of a folder may have a dot, as in `disk_l-over-v-2.5`, but has no suffix.
+    return path.parent / f"{path.name if folder else path.stem}{GROUND_TRUTH}"
+
+
+def rate_beside(name: str) -> Fraction | None:
+    """Return the frames per second that the ground truth of images states; None if none does."""
+    import json  # not needed for a video, whose decoder is to begin early
+
+    try:
+        rate = Fraction(json.loads(text_of(truth_beside(name)))["display"]["frame_rate"])
+    except (OSError, ValueError, TypeError, KeyError, ZeroDivisionError, RecursionError):
+        return None  # a run says why a ground truth that exists cannot be used
+    return rate if 0 < rate <= _HIGHEST_RATE else None
 
 
 def result_stem(name: str, folder: str = "") -> str:

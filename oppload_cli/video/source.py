@@ -136,7 +136,8 @@ def open_video(
     span : Span, optional
         The part of the input to read.
     image_rate : Fraction, optional
-        Frames per second of images, which have no times; 30 if left out.
+        Frames per second of images, which have no times; if left out, that of the ground truth
+        beside their folder, or 30.
     threads : int
         Number of decoder threads; 0 chooses a number by the codec, the size and the cores.
     colour : bool

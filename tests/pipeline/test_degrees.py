@@ -8,8 +8,10 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import av
+import cv2
 import pytest
 
+import oppload_cli as oppload
 from oppload_cli.errors import OutputError, ParameterError
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
@@ -75,6 +77,27 @@ def test_a_damaged_or_foreign_ground_truth_is_left_out(stimulus: Path, tmp_path:
         assert any(each.startswith(said) for each in sidecar["remarks"]) == bool(told)
         assert (sidecar["field_of_view"] is None) == bool(told)
         assert ("error" in sidecar["stimulus"]) == bool(told)
+
+
+def test_images_have_the_rate_and_the_degrees_of_the_ground_truth_beside_their_folder(
+    stimulus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "disk-2.5"  # with a dot, as after a sweep
+    folder.mkdir()
+    with av.open(stimulus) as container:
+        for index, frame in enumerate(container.decode(video=0)):
+            cv2.imwrite(str(folder / f"{index}.png"), frame.to_ndarray(format="gray"))
+    truth = json.loads(stimulus.with_name(f"{stimulus.stem}.stimulus.json").read_text())
+    truth["display"]["frame_rate"] = "85/1"
+    beside = tmp_path / "disk-2.5.stimulus.json"
+    monkeypatch.chdir(folder)
+    for content, rate in (("{}", (30, True)), (json.dumps(truth), (85, False))):
+        beside.write_text(content)
+        for name in (str(folder), ".", f"../{folder.name}"):
+            with oppload.open_video(name) as video:
+                assert (video.facts.frame_rate, video.facts.rate_assumed) == rate
+    sidecar = oppload.run(".", models=["opplod"], rmo=False, height=60).sidecar
+    assert sidecar["field_of_view"]["horizontal_deg"] == pytest.approx(60)
 
 
 @pytest.mark.parametrize("aspect", [Fraction(1), Fraction(4, 3)])
