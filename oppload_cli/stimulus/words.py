@@ -9,6 +9,7 @@ from oppload_cli.errors import ParameterError, suggestion
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
+_SEED = "seed"  # the one key without a dot that can be swept
 # The keys that each word may mean; {id} stands for the id of an object.
 _DIRECTIONS = ("{id}.axis_deg", "{id}.motion.direction_deg", "scene.rotation_deg")
 WORDS = {
@@ -37,10 +38,10 @@ def key_of(
     ParameterError
         If there is no such word, or if it means no key of the stimulus, or several.
     """
-    if "." in word:
+    if "." in word or word == _SEED:
         return word
     if word not in WORDS:
-        hint = suggestion(word, WORDS)
+        hint = suggestion(word, (*WORDS, _SEED))
         hint += "" if "did you mean" in hint else ", or a key such as ID.size_deg"
         raise ParameterError(f"{option} {word}: no parameter '{word}'{hint}")
     found = _meant(word, table, sweep)

@@ -13,6 +13,7 @@ from oppload_cli.models.opplod_parameters import OpplodResponse
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus import write
 from oppload_cli.stimulus.catalogue import find, read_entry
+from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import Measures, Responses, measure, present
 from oppload_cli.tuning.run import (
     Condition,
@@ -307,6 +308,13 @@ def test_values_that_cannot_be_read(values: str) -> None:
 def test_ranges_that_run_backwards_or_are_too_long(values: str, message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         swept("klapoetke2017/loom-speed", [f"speed={values}"])
+
+
+def test_a_sweep_of_the_seed_shows_other_noise() -> None:
+    entry = swept("controls/looming-noise/noise-0.1", ["seed=1,2"])
+    first, second = (Renderer(protocol).grey(0) for protocol in entry.protocols())
+    assert list(entry.values().values()) == [{"seed": 1}, {"seed": 2}]
+    assert (first != second).mean() > 0.9
 
 
 @pytest.mark.parametrize(
