@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     "--over",
     multiple=True,
     metavar="PARAMETER[=VALUES]",
-    help="Parameter to sweep: axis, direction, speed, width, size, l/v, position, seed or a key such as "
-    "bar.axis_deg; VALUES as 10,20,40 or 0:330:30 (from:to:step). Given twice: every "
+    help="Parameter to sweep: axis, direction, speed, width, size, l/v, position, seed or a key "
+    "such as bar.axis_deg; VALUES as 10,20,40 or 0:330:30 (from:to:step). Given twice: every "
     "combination.  [default: the stimulus's own sweep]",
 )
 @change_option
