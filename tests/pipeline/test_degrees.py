@@ -91,7 +91,7 @@ def test_images_have_the_rate_and_the_degrees_of_the_ground_truth_beside_their_f
     truth["display"]["frame_rate"] = "85/1"
     beside = tmp_path / "disk-2.5.stimulus.json"
     monkeypatch.chdir(folder)
-    for content, rate in (("{}", (30, True)), (json.dumps(truth), (85, False))):
+    for content, rate in (("{}", (Fraction(30), True)), (json.dumps(truth), (Fraction(85), False))):
         beside.write_text(content)
         for name in (str(folder), ".", f"../{folder.name}"):
             with oppload.open_video(name) as video:
