@@ -185,12 +185,14 @@ def _to_onset(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
     """
     if _PRESENTATION in conditions[0].values:
         return
-    starts = [protocol.timing.before_s for protocol in entry.protocols()]
+    pauses = [_pause(protocol) for protocol in entry.protocols()]
+    keys = dict.fromkeys(key for _, named in pauses for key in named)
+    advice = " and ".join(f"--change {key}=0" for key in keys)
     for name in conditions[0].measures:
         times = [each.measures[name].peak_time_s for each in conditions]
         early = [
             start > 0 and time_s is not None and time_s - start < _ONSET_S
-            for start, time_s in zip(starts, times, strict=True)
+            for (start, _), time_s in zip(pauses, times, strict=True)
         ]
         if any(early):
             part = f"{sum(early)} of {len(early)} peaks"
@@ -199,8 +201,20 @@ def _to_onset(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
                 f"{part} at the start of the motion: no tuning",
                 f"{detector_named(name).label}: {part} come within {_ONSET_S:.2g} s after the "
                 "pause before the motion: they are responses to its start, and show no tuning; "
-                "--change timing.before_s=0 leaves the pause out",
+                f"{advice} leaves the pause out",
             )
+
+
+def _pause(protocol: Protocol) -> tuple[float, list[str]]:
+    """Return the seconds before the first motion, and the keys of the protocol that set them."""
+    before_s = protocol.timing.before_s
+    keys = ["timing.before_s"] if before_s else []
+    moving = [each for each in protocol.objects if each.motion or each.growth]
+    if protocol.scene.motion or not moving:
+        return before_s, keys
+    onset_s = min(each.onset_s for each in moving)
+    first = [each for each in moving if onset_s and each.onset_s == onset_s]
+    return before_s + onset_s, keys + [f"{each.id}.onset_s" for each in first]
 
 
 def _unlike_neurons(

@@ -271,6 +271,11 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
     assert doubt[:2] == ("dlgmd", "2 of 2 peaks at the start of the motion: no tuning")
     without = entry.with_settings({"timing.before_s": 0})
     assert not at_the_start(tune(without, settings), without, settings)
+    assert "; --change timing.before_s=0 leaves" in doubt.text
+    late = entry.with_settings({"timing.before_s": 0, "bar.onset_s": 0.2})
+    (doubt,) = at_the_start(tune(late, settings), late, settings)
+    assert doubt.note == "2 of 2 peaks at the start of the motion: no tuning"
+    assert "; --change bar.onset_s=0 leaves" in doubt.text
     # In presentations in a row a pause does not count.
     assert not at_the_start(tune(entry, settings, presentations=2), entry, settings)
 
