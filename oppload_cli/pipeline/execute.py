@@ -36,12 +36,12 @@ from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.results.truths import facts_of_truth, read_truth
-from oppload_cli.video.inputs import Span, truth_beside
+from oppload_cli.video.inputs import Span, rate_beside, truth_beside
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.optics import Optics
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from oppload_cli.pipeline.settings import Settings
@@ -281,16 +281,25 @@ class _Run:
         declared = self.video.facts.frame_rate
         return self.video.times.rate or (float(declared) if declared else None)
 
-    def _remarks(self) -> tuple[str, ...]:
-        facts = self.video.facts
-        remarks = self.video.times.remarks()
+    def _remarks_on_rate(self) -> Iterator[str]:
+        facts, name = self.video.facts, self._task.name
         if facts.rate_assumed:
-            remarks.append(
+            yield (
                 f"{facts.frame_rate} frames/s are assumed, as images carry no times; --image-rate "
                 "states another rate"
             )
         elif self._task.image_rate and facts.kind != "images":
-            remarks.append("has times of its own: --image-rate has no effect on it")
+            yield "has times of its own: --image-rate has no effect on it"
+        elif facts.kind == "images" and (true := rate_beside(name)) not in {None, facts.frame_rate}:
+            yield (
+                f"--image-rate says {facts.frame_rate} frames/s, but the ground truth {true}; "
+                "--image-rate is used, so that the times of the ground truth do not fit"
+            )
+
+    def _remarks(self) -> tuple[str, ...]:
+        facts = self.video.facts
+        remarks = self.video.times.remarks()
+        remarks += self._remarks_on_rate()
         if facts.video_streams > 1:
             remarks.append(
                 f"holds {facts.video_streams} video streams, of which the first is analysed; copy "

@@ -98,6 +98,10 @@ def test_images_have_the_rate_and_the_degrees_of_the_ground_truth_beside_their_f
                 assert (video.facts.frame_rate, video.facts.rate_assumed) == rate
     sidecar = oppload.run(".", models=["opplod"], rmo=False, height=60).sidecar
     assert sidecar["field_of_view"]["horizontal_deg"] == pytest.approx(60)
+    slow = oppload.run(".", models=["opplod"], rmo=False, height=60, rate=30).sidecar
+    said = "--image-rate says 30 frames/s, but the ground truth 85; --image-rate is used"
+    found = [any(said in remark for remark in each["remarks"]) for each in (sidecar, slow)]
+    assert found == [False, True]
 
 
 @pytest.mark.parametrize("aspect", [Fraction(1), Fraction(4, 3)])
