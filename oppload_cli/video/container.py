@@ -7,6 +7,7 @@ import errno
 import math
 import re
 from collections import deque
+from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from itertools import chain, islice, pairwise
@@ -136,6 +137,8 @@ class ContainerSource:
 
     def finish(self) -> None:
         """Count the declared frames that never came."""
+        if _is_transparent(self._first):
+            self.decode.note("transparency is left out; draw the pictures on a ground first")
         self.decode.missing = self._missing()
         if corrupt := self.decode.corrupt:
             self.decode.note(f"{corrupt} {'frame is' if corrupt == 1 else 'frames are'} damaged")
@@ -465,6 +468,14 @@ def _orientation(frame: VideoFrame) -> tuple[bool, int]:
     mirrored = bool(terms[0] * terms[4] < terms[1] * terms[3])
     rotation = (int(frame.rotation) + 180 * mirrored) % 360
     return mirrored, rotation if rotation % 90 == 0 else 0
+
+
+def _is_transparent(frame: VideoFrame) -> bool:
+    """Return whether some pixel of a frame is not opaque, as far as FFmpeg can convert it."""
+    with suppress(av.error.FFmpegError, ValueError):
+        if any(each.is_alpha for each in frame.format.components):
+            return bool((frame.to_ndarray(format="rgba")[..., 3] < np.uint8(255)).any())
+    return False
 
 
 def _checked_luma(frame: VideoFrame) -> tuple[NDArray[Any], int]:

@@ -67,6 +67,30 @@ def test_rgb_becomes_grey_by_rec_601(tmp_path: Path) -> None:
     np.testing.assert_allclose(frame.luma, grey / 255, atol=1e-7)
 
 
+@pytest.mark.parametrize("opacity", [255, 250])
+@pytest.mark.parametrize(
+    ("suffix", "codec", "pixel_format"),
+    [("mov", "qtrle", "argb"), ("mov", "prores_ks", "yuva444p10le"), ("apng", "apng", "rgba")],
+)
+def test_a_video_with_transparency_gives_a_note(
+    tmp_path: Path, suffix: str, codec: str, pixel_format: str, opacity: int
+) -> None:
+    image = np.full((32, 32, 4), 255, np.uint8)
+    image[:16, :, 3] = opacity
+    path = write_video(
+        tmp_path / f"a.{suffix}",
+        [image] * 2,
+        codec=codec,
+        pixel_format=pixel_format,
+        source_format="rgba",
+    )
+    with open_video(path) as video:
+        assert len(list(video)) == 2
+        said = ["transparency is left out; draw the pictures on a ground first"]
+        assert video.decode.messages == (said if opacity < 255 else [])
+        assert video.decode.complete
+
+
 def test_a_raw_stream_has_the_rate_that_its_encoder_states(tmp_path: Path) -> None:
     """The file states no times, and FFmpeg assumes 25 frames/s for all such files."""
     path = write_video(tmp_path / "a.h264", grey_frames(6), rate=Fraction(60), codec="libx264")
