@@ -284,10 +284,10 @@ class _Run:
     def _remarks_on_rate(self) -> Iterator[str]:
         facts, name = self.video.facts, self._task.name
         if facts.rate_assumed:
-            yield (
-                f"{facts.frame_rate} frames/s are assumed, as images carry no times; --image-rate "
-                "states another rate"
-            )
+            images = "images carry no times; --image-rate states another rate"
+            stream = "the stream carries no times; put it into a container such as Matroska"
+            reason = images if facts.kind == "images" else stream
+            yield f"{facts.frame_rate} frames/s are assumed, as {reason}"
         elif self._task.image_rate and facts.kind != "images":
             yield "has times of its own: --image-rate has no effect on it"
         elif facts.kind == "images" and (true := rate_beside(name)) not in {None, facts.frame_rate}:

@@ -13,6 +13,7 @@ from functools import partial
 from itertools import chain, islice, pairwise
 from pathlib import Path
 from statistics import median_low
+from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 
 Value = TypeVar("Value")
 _NO_TIMES = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: a raw stream, which has no times
+_LIVE = "mpjpeg"  # images that a network camera sends one by one over HTTP, without times
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 _SAMPLED_ENTRIES = 1000  # most entries of an index from which the usual step is taken
 _MOST_DEMUX_ERRORS = 100  # most errors without a packet between them
@@ -99,6 +101,7 @@ class ContainerSource:
         self._errors = 0  # number of errors that decoders have logged in this process
         self._remote = "://" in name
         self._only_once = self._remote or not is_file(name)  # a stream or a pipe
+        self._arrived_s = 0.0  # when the latest packet came
         # Careful decoding uses no frame threads. An input without a second pass needs it at once.
         self._careful = self._only_once
         self._threads = threads
@@ -111,6 +114,7 @@ class ContainerSource:
             frames = self._reproducibly_decoded()
             first = self._first_of(frames)
             self._first, self._frames = first[0], chain([first], frames)
+            self._first_arrived_s = self._arrived_s
             self.decode.threads = self._stream.codec_context.thread_count
             self.facts = self._facts()
         except BaseException:
@@ -387,6 +391,7 @@ class ContainerSource:
                 packets = self._container.demux(self._stream)
             else:
                 errors = 0
+                self._arrived_s = monotonic()
                 if packet.pos is not None:
                     self._read_to = max(self._read_to, packet.pos + packet.size)
                 reordered = self._stream.codec_context.has_b_frames
@@ -415,6 +420,8 @@ class ContainerSource:
 
     def _time(self, frame: VideoFrame, index: int) -> float:
         """Return the presentation time minus that of the first frame, in seconds."""
+        if self._is_live:
+            return self._arrived_s - self._first_arrived_s
         now, first = self._clock(frame), self._clock(self._first)
         if now is not None and first is not None and self._stream.time_base:
             base = self._stream.time_base
@@ -423,6 +430,11 @@ class ContainerSource:
         step = 1 / rate if rate else Fraction(1)
         # If only some frames have a time, each other frame comes one step after the frame before.
         return float(index * step) if first is None else self._last_time + float(step)
+
+    @property
+    def _is_live(self) -> bool:
+        """Whether the time of a frame is that of its arrival, as there is no other."""
+        return self._remote and self._container.format.name == _LIVE
 
     def _clock(self, frame: VideoFrame) -> int | None:
         """Return the time of a frame in ticks of the file; None if it has no time."""
@@ -438,7 +450,7 @@ class ContainerSource:
             kind="stream" if self._remote else "container",
             width=width,
             height=height,
-            frame_rate=_rate(stream),
+            frame_rate=None if self._is_live else _rate(stream),
             frames_declared=_declared_frames(self._container, stream),
             mirrored=mirrored,
             rotation=rotation,
@@ -447,6 +459,7 @@ class ContainerSource:
             colour_range="full" if is_full_range(frame, self._codec) else "limited",
             pixel_aspect=Fraction(aspect) if aspect else None,
             bytes=None if self._remote else self._container.size,
+            rate_assumed=_is_rate_assumed(stream) and not self._is_live,
             video_streams=len(_videos(self._container)),
         )
 
@@ -504,6 +517,16 @@ def _rate(stream: VideoStream) -> Fraction | None:
     if ticks > 1 and stream.time_base:
         rates.insert(0, 1 / (ticks * stream.time_base))
     return next((Fraction(rate) for rate in rates if rate), None)
+
+
+def _is_rate_assumed(stream: VideoStream) -> bool:
+    """Return whether FFmpeg assumes the rate, because a raw stream states neither rate nor times.
+
+    It takes images one after the other in a pipe for such a stream too.
+    """
+    kind = stream.container.format
+    raw = bool(kind.flags & _NO_TIMES) or kind.name.endswith("_pipe")
+    return raw and not stream.codec_context.framerate
 
 
 def _ticks_per_frame(stream: VideoStream) -> int:

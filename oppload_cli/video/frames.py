@@ -119,7 +119,7 @@ class InputFacts:
     colour_range: str = "full"
     pixel_aspect: Fraction | None = None  # width over height of a pixel; it is not corrected
     bytes: int | None = None  # size of the file or files
-    rate_assumed: bool = False  # as for images if the user states no rate
+    rate_assumed: bool = False  # as for images, or a raw stream, if nobody states a rate
     video_streams: int = 1  # videos in a container, without cover pictures; the first one is read
 
     @property

@@ -95,8 +95,14 @@ def test_a_raw_stream_has_the_rate_that_its_encoder_states(tmp_path: Path) -> No
     """The file states no times, and FFmpeg assumes 25 frames/s for all such files."""
     path = write_video(tmp_path / "a.h264", grey_frames(6), rate=Fraction(60), codec="libx264")
     with open_video(path) as video:
-        assert video.facts.frame_rate == 60
+        assert (video.facts.frame_rate, video.facts.rate_assumed) == (Fraction(60), False)
         assert [frame.time_s for frame in video] == pytest.approx(np.arange(6) / 60)
+
+
+def test_the_rate_of_a_raw_stream_that_states_none_is_assumed(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mjpeg", grey_frames(3), codec="mjpeg", pixel_format="yuvj420p")
+    with open_video(path) as video:
+        assert (video.facts.frame_rate, video.facts.rate_assumed) == (Fraction(25), True)
 
 
 @pytest.mark.parametrize(

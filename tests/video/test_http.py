@@ -8,8 +8,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 from typing import TYPE_CHECKING
 
+import cv2
 import pytest
 
+from oppload_cli.video import container
 from oppload_cli.video.source import open_video
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
@@ -31,7 +33,9 @@ KINDS = [
 
 
 @contextmanager
-def served(content: bytes, stated: int | None) -> Iterator[str]:
+def served(
+    content: bytes, stated: int | None, kind: str = "application/octet-stream"
+) -> Iterator[str]:
     """Give the address of a file that is sent once per request, and then the connection closes."""
 
     class Handler(BaseHTTPRequestHandler):
@@ -41,6 +45,7 @@ def served(content: bytes, stated: int | None) -> Iterator[str]:
             self.send_response(200)
             if stated is not None:
                 self.send_header("Content-Length", str(stated))
+            self.send_header("Content-Type", kind)
             self.send_header("Connection", "close")
             self.end_headers()
             self.wfile.write(content)
@@ -92,6 +97,21 @@ def test_an_answer_that_is_shorter_than_stated_broke_off(tmp_path: Path) -> None
     assert (cut.complete, cut.failures) == (False, 1)
     assert "the stream broke off (input/output error)" in cut.messages
     assert decoded(content, len(content)).complete
+
+
+def test_images_of_a_network_camera_have_the_times_of_their_arrival(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They carry no times, and FFmpeg assumes 25 frames/s."""
+    images = [cv2.imencode(".jpg", image)[1].tobytes() for image in grey_frames(4)]
+    head = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n"
+    content = b"".join(head % len(image) + image + b"\r\n" for image in images)
+    clock = iter([100.0, 100.08, 100.2, 100.25])
+    monkeypatch.setattr(container, "monotonic", lambda: next(clock, 101.0))
+    kind = "multipart/x-mixed-replace; boundary=frame"
+    with served(content, None, kind) as address, open_video(address) as video:
+        assert [frame.time_s for frame in video] == pytest.approx([0, 0.08, 0.2, 0.25])
+        assert (video.facts.frame_rate, video.facts.rate_assumed) == (None, False)
 
 
 def test_no_result_and_no_message_holds_a_login(
