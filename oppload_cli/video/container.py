@@ -199,8 +199,11 @@ class ContainerSource:
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
             advice = "check the address" if self._remote else "check the file, or convert it"
+            reason = reason_of(error)
+            if isinstance(error, av.error.ExitError):  # the time limit was reached
+                reason = f"no video came within {_OPEN_TIMEOUT_S:g} s"
             raise SourceError(
-                f"{self.name}: not a video that can be read ({reason_of(error)}); {advice}"
+                f"{self.name}: not a video that can be read ({reason}); {advice}"
             ) from error
 
     def _check_file(self) -> None:

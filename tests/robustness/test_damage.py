@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
 from collections import Counter
@@ -283,6 +284,14 @@ def test_a_stream_that_stalls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     with Server(path, 0.6, stalls=True) as server, open_video(server.url, height=16) as video:
         assert len(list(video)) > 20
         assert video.decode.messages == ["the stream broke off (nothing came for 0.5 s)"]
+
+
+def test_an_address_from_which_nothing_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(container, "_OPEN_TIMEOUT_S", 0.05)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(SourceError, match=r"no video came within 0.05 s\); check the address"):
+            open_video(address)
 
 
 def test_more_demux_errors_than_are_borne(tmp_path: Path) -> None:
