@@ -7,7 +7,12 @@ import pytest
 from scipy.special import chdtri
 
 from oppload_cli.evaluation.metrics.alarms import Thresholds, shipped
-from oppload_cli.evaluation.metrics.intervals import draws_of, rate_interval, share_interval
+from oppload_cli.evaluation.metrics.intervals import (
+    draws_of,
+    interval,
+    rate_interval,
+    share_interval,
+)
 from tests.evaluation.make import NAME, clip, peaks
 
 # A minute of footage without an approach each, at 10 frames/s.
@@ -222,3 +227,20 @@ def test_one_clip_gives_a_rate_an_interval() -> None:
     found = shipped([clip([0.0] * 603, alarm=[300])], NAME, draws)
     rate = next(one for one in found.measurements if one.measure == "false_alarms_per_minute")
     assert [rate.value, rate.low, rate.high] == pytest.approx([1, 0.0253, 5.572], abs=1e-3)
+
+
+@pytest.mark.parametrize("clips", [12, 40])
+def test_intervals_hold_the_truth_nearly_as_often_as_they_say(clips: int) -> None:
+    """The share of sets of clips whose interval holds the value from which the clips were drawn."""
+    random, draws, minutes = np.random.default_rng(5), draws_of([True] * clips), 0.19 * clips
+    for share, rate in ((0.5, 0.3), (0.75, 0.86), (0.92, 3.0)):
+        held = np.zeros(2)
+        for _ in range(100):
+            found = (random.random(clips) < share).astype(float)
+            bounds = share_interval(found.mean(), clips, *interval(draws @ found / clips))
+            events = random.poisson(rate * minutes / clips, clips).astype(float)
+            low, high = interval(draws @ events / minutes)
+            if low == high:
+                low, high = rate_interval(events.sum(), minutes)
+            held += bounds[0] <= share <= bounds[1], low <= rate <= high
+        assert all(held >= 80)
