@@ -5,11 +5,16 @@ from __future__ import annotations
 import re
 import runpy
 import shlex
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import click
+import numpy as np
+import pytest
 
 from oppload_cli.cli import oppload
+from oppload_cli.errors import FrameError
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -114,3 +119,27 @@ def _anchors(page: Path) -> set[str]:
     """Return the names under which a page's headings can be linked to."""
     headings = re.findall(r"^#+ (.*)$", page.read_text("utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_the_detector_of_contributing_is_complete(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (DOCS.parent / "CONTRIBUTING.md").read_text("utf-8")
+    code = re.search(r"^```python\n(.*?)^```", text, re.M | re.S)
+    assert code is not None
+    made = ModuleType("darkening")
+    monkeypatch.setitem(sys.modules, made.__name__, made)  # dataclasses look their module up
+    exec(compile(code[1], "CONTRIBUTING.md", "exec"), vars(made))  # noqa: S102 - the page's code
+    model = made.Darkening((2, 2))
+    bright, darker = np.ones((2, 2), np.float32), np.array([[0.9, 1], [1, 1]], np.float32)
+    with pytest.raises(FrameError, match="must be a float32 array"):
+        model.step(bright[1:])
+    assert model.step(bright) is None
+    assert model.step(darker).response == 0.25
+
+
+def test_the_page_on_adding_a_detector_shows_what_lgmd2_has() -> None:
+    page = (DOCS / "adding-a-detector.md").read_text("utf-8")
+    lines = (DOCS.parent / "oppload_cli/models/published/lgmd2.py").read_text("utf-8")
+    shown = re.findall(r"^    def (\w+\(.*\) -> \w+): \.\.\.$", page, re.M)
+    assert len(shown) == 2
+    assert all(f"    def {each}:\n" in lines for each in shown)
+    assert f"lgmd2.py`, {len(lines.splitlines())} lines)" in page
