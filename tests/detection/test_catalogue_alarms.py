@@ -5,7 +5,10 @@ from __future__ import annotations
 import pytest
 
 from oppload_cli import stimulus
+from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.models.presets import PRESETS
+from oppload_cli.models.registry import parameters_of
+from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import contact_time
 from tests.detection.scenes import alarms
@@ -74,3 +77,27 @@ def test_a_looming_disk_alarms_before_contact(l_over_v: int, centre: tuple[int, 
     assert on
     ahead = contact * 30 - on[0]
     assert LEAD <= ahead <= EARLIEST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "largest", "contacts"),
+    [
+        ("controls/dots-coherence/coherence-0", 0.0397, 0),
+        ("controls/square-grating/axis-0", 0.0375, 0),
+        ("controls/translating-disk-direction/rotation-0", 0.00307, 1),
+        ("opplod2023/looming-disk-centre", 0.0815, None),
+        ("opplod2023/looming-disk-off-centre", 0.0918, None),
+    ],
+)
+def test_the_responses_from_which_the_floor_follows(
+    name: str, largest: float, contacts: int | None
+) -> None:
+    """The largest response of preset default, and the frames with a time to contact."""
+    [protocol] = stimulus.load_all(name)
+    video, params = StimulusVideo(protocol, HEIGHT), [parameters_of("opplod", "default")]
+    records = list(analyse(video, params, alarm=alarm_params("default"), rmo=None))
+    responses = [each.values()["opplod_response"] for each in records if not each.blind]
+    assert max(filter(None, responses)) == pytest.approx(largest, rel=0.01)
+    known = [each for each in records if any(one.time_to_contact_s for one in each.detections)]
+    assert contacts is None or len(known) == contacts
