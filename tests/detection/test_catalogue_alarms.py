@@ -97,7 +97,7 @@ def test_the_responses_from_which_the_floor_follows(
     [protocol] = stimulus.load_all(name)
     video, params = StimulusVideo(protocol, HEIGHT), [parameters_of("opplod", "default")]
     records = list(analyse(video, params, alarm=alarm_params("default"), rmo=None))
-    responses = [each.values()["opplod_response"] for each in records if not each.blind]
-    assert max(filter(None, responses)) == pytest.approx(largest, rel=0.01)
+    responses = [each.responses["opplod"] for each in records if not each.blind]
+    assert max(one.response for one in responses if one) == pytest.approx(largest, rel=0.01)
     known = [each for each in records if any(one.time_to_contact_s for one in each.detections)]
     assert contacts is None or len(known) == contacts
