@@ -136,7 +136,7 @@ def test_the_sum_of_a_map_does_not_depend_on_its_place_in_memory() -> None:
 
 def test_the_milliseconds_of_a_frame_are_cut_to_an_integer() -> None:
     kind = detector_named("lgmd2")
-    rates = {30: 33, 60: 16, 29.97: 33, 2000: 1, None: 33}
+    rates = {30: 33, 60: 16, 29.97: 33, 1000 / 30: 30, 1000 / 15: 15, 2000: 1, None: 33}
     assert {rate: kind((9, 9), frame_rate=rate).ti for rate in rates} == rates  # type: ignore[attr-defined]
 
 

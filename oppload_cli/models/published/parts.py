@@ -49,7 +49,8 @@ class ChangeDetector(Detector):
 
     def __init__(self, shape: tuple[int, int], params: Any = None, **others: Any) -> None:
         super().__init__(shape, params, **others)
-        self.ti = max(1, math.floor(1000 / (self.frame_rate or USUAL_RATE)))
+        # 1000 / (1000 / 30) is less than 30 by a rounding error, which the cut must not see.
+        self.ti = max(1, math.floor(1000 / (self.frame_rate or USUAL_RATE) + 1e-9))
         self.pixels = shape[0] * shape[1]
         self.reset()
 
