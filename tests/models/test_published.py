@@ -178,6 +178,12 @@ def test_the_potential_over_a_still_scene_is_that_without_any_g(name: str) -> No
     assert model_of(name, still).at_rest().k == 0.5  # type: ignore[attr-defined]
 
 
+def test_the_scale_of_grouping_over_a_still_scene_is_its_least() -> None:
+    still = [np.full((36, 49), 128, np.uint8)] * 3
+    assert [each.omega for each in answers("lgmd1_group", still)] == [0, 0, 0.01]
+    assert model_of("lgmd1_group", still).at_rest().omega == 0.01  # type: ignore[attr-defined]
+
+
 # ---- Known responses of each detector ------------------------------------------------------
 
 

@@ -38,6 +38,7 @@ _MEANING = (
 )
 
 _TAPS = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
+_LEAST_SCALE = 0.01  # grey levels: w where nothing moves
 _INHIBITION, _DECAY, _THRESHOLD = 0.3, 0.15, 15.0  # of pLGMD
 _RESOLUTION = 1 << 16  # probabilities are multiples of 1 / 2^16
 
@@ -77,7 +78,7 @@ class Lgmd1GroupResponse(Response):
         0.5, "0 to 1", "sigmoid of the sum of G, divided by the number of pixels; 0 for frames 0, 1"
     )
     sum_abs_g: float = inner(0.0, "grey levels", "K, the sum of G")
-    omega: float = inner(0.0, "grey levels", "w, the scale of grouping")
+    omega: float = inner(_LEAST_SCALE, "grey levels", "w, the scale of grouping; 0 for frames 0, 1")
     sum_abs_s: float = inner(0.0, "grey levels", "sum of the absolute S")
     sum_abs_p: float = inner(0.0, "grey levels", "sum of the absolute Q")
 
@@ -144,12 +145,12 @@ class Lgmd1Group(_Persistent):
         self._persistence = _PERSISTENCE[self.params.persistence]
 
     def _first_response(self) -> Lgmd1GroupResponse:
-        return Lgmd1GroupResponse(0.0, k=0.0)
+        return Lgmd1GroupResponse(0.0, k=0.0, omega=0.0)
 
     def _respond_to(self, q: Plane, before: Plane) -> Lgmd1GroupResponse:
         i = self._thresholded(spread(self._thresholded(before), k3(0, 1 / 4, 1 / 8), ZERO))
         s = self._thresholded(q) - self.params.inhibition * i
-        g, w = grouped(s, self.params.grouping, 0.01, ZERO)
+        g, w = grouped(s, self.params.grouping, _LEAST_SCALE, ZERO)
         # 0.15 G is compared, not G with 15 / 0.15: the rounding of 0.15 G decides ties.
         k = float(g[self.params.decay * g >= self.params.threshold].sum())
         norms = [float(cv2.norm(each, cv2.NORM_L1)) for each in (s, q)]
@@ -251,14 +252,14 @@ class Plgmd(_Persistent):
     def _sum_of_g(self, q: Plane, before: Plane) -> float:
         if self.params.p == 1:
             s = q - _INHIBITION * spread(before, k3(0, 1 / 4, 1 / 8), ZERO)
-            g, _ = grouped(s, 4, 0.01, ZERO)
+            g, _ = grouped(s, 4, _LEAST_SCALE, ZERO)
             return float(g[_DECAY * g >= _THRESHOLD].sum())
         masks = self._masks()
         s = np.asarray(q, np.float32) * masks[0]
         inhibition = self._inhibition(before, masks[3:])
         cv2.scaleAdd(inhibition, -_INHIBITION, s, dst=inhibition)
         np.copyto(s, inhibition, where=masks[1])
-        g, _ = grouped(s, 4, 0.01, ZERO)
+        g, _ = grouped(s, 4, _LEAST_SCALE, ZERO)
         return float(g[(_DECAY * g >= _THRESHOLD) & masks[2]].sum(dtype=np.float64))
 
     def _inhibition(self, q: Plane, masks: Mask) -> Plane:
