@@ -151,6 +151,17 @@ def test_emd_lplc2_gf_reduces_taller_frames() -> None:
     assert other.box == pytest.approx([2 * side for side in one.box])
 
 
+@pytest.mark.parametrize("name", ["emd_lplc2_gf", "zhou_lrf"])
+def test_a_camera_that_is_turned_gives_the_same(name: str) -> None:
+    frames = scene("looming")[24:]
+    wide, upright = (
+        [each.response for each in answers(name, shown)[1:]]
+        for shown in (frames, [np.ascontiguousarray(each.T) for each in frames])
+    )
+    assert max(wide) > 0
+    assert upright == pytest.approx(wide, rel=1e-9)
+
+
 def test_zhou_lrf_tells_looming_from_receding() -> None:
     looming, receding = (
         sum(each.r_sum for each in answers("zhou_lrf", scene(kind))[1:])

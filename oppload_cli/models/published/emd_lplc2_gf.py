@@ -33,7 +33,7 @@ class EmdLplc2GfParams(Parameters):
     """Parameters of EMD-LPLC2-GF."""
 
     height: int = parameter(
-        150, "height to which higher frames are reduced", unit="px", low=8, high=10000
+        150, "working height to which larger frames are reduced", unit="px", low=8, high=10000
     )
     receptive_field: int | None = parameter(
         None, "side of a field; auto: 2/3 of the reduced height", unit="px", low=4, high=10000
@@ -128,8 +128,8 @@ def _membrane(voltage: float, current: float) -> tuple[float, int]:
 class EmdLplc2Gf(ChangeDetector):
     """Reichardt motion detectors, LPLC2 units with four arms, and a spiking giant fibre.
 
-    All constants count frames; the authors chose them for 100 frames/s. Higher frames are reduced
-    to the authors' 150 rows. The first spike is the authors' alarm.
+    All constants count frames; the authors chose them for 100 frames/s. Larger frames are reduced
+    to the authors' working height of 150 px. The first spike is the authors' alarm.
 
     Source: Zhao J. et al. 2023 (iScience) and the authors' published code; ``docs/detectors.md``.
     """
@@ -157,10 +157,11 @@ class EmdLplc2Gf(ChangeDetector):
     params: EmdLplc2GfParams
 
     def _forget(self) -> None:
-        height, width = self.shape
-        self._rows = min(height, self.params.height)
-        self._columns = max(2, round(width * self._rows / height))
-        self._field = self.params.receptive_field or 2 * round(self._rows / 3)
+        # Of upright frames the width is reduced to the authors' height, see docs/glossary.md.
+        side = min(self.shape)
+        reduced = min(side, self.params.height)
+        self._rows, self._columns = (round(each * reduced / side) for each in self.shape)
+        self._field = self.params.receptive_field or 2 * round(reduced / 3)
         size, between = (self._rows, self._columns), (self._rows - 1, self._columns - 1)
         self._filtered, self._on, self._off, self._now = np.zeros((4, *size))
         self._motions, self._room = np.zeros((2, *between)), np.zeros(between)

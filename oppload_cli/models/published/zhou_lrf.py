@@ -35,7 +35,8 @@ class ZhouLrfParams(Parameters):
 
     element: int | None = parameter(
         None,
-        "side of an element (5 degrees), even; auto: 1/30 of the height, rounded down to even",
+        "side of an element (5 degrees), even; auto: 1/30 of the working height, rounded down to "
+        "even",
         unit="px",
         low=2,
         high=1000,
@@ -142,9 +143,8 @@ class ZhouLrf(Detector):
         self, shape: tuple[int, int], params: ZhouLrfParams | None = None, **others: Any
     ) -> None:
         super().__init__(shape, params, **others)
-        height, width = shape
-        self._element = self.params.element or max(2, 2 * (height // 60))
-        self._grid = height // self._element, width // self._element
+        self._element = self.params.element or max(2, 2 * (min(shape) // 60))
+        self._grid = shape[0] // self._element, shape[1] // self._element
         self.need_size(shape, (_FIELD * self._element,) * 2)
         self._blur = _Blur(self._element)
         right = _weights()
