@@ -10,6 +10,7 @@ import numpy as np
 
 from oppload_cli.models.detector import Detector, Response
 from oppload_cli.models.dpc import grey_levels
+from oppload_cli.motion.flow import inverse_search
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ class FlowDivergence(Detector):
         self, shape: tuple[int, int], params: FlowDivergenceParams | None = None, **others: Any
     ) -> None:
         super().__init__(shape, params, **others)
-        self._search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        self._search = inverse_search(shape, cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
         self.reset()
 
     def reset(self) -> None:

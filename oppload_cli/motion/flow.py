@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 # Least side in px of a reduced frame for which flow is computed. OpenCV's inverse search refuses
 # sides below 8 to 12 px, and its patches of 8 px have no meaning in such small frames.
 _SHORTEST_SIDE = 16
+# Height below which, and width from which on, OpenCV takes too coarse a scale (`inverse_search`).
+_LOW, _WIDE = 32, 80
 # Frames that are more than 6.7 intervals apart differ too much for pictures in between.
 _MOST_INTERVALS = 6
 # A step of n - 0.3 to n + 0.7 intervals becomes n steps of 0.85 to 1.35 intervals.
@@ -106,6 +108,19 @@ def sample(
 def _cell_means(image: NDArray[np.float32], cells: Cells) -> NDArray[np.float64]:
     size = cells.columns, cells.rows
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float64)
+
+
+def inverse_search(shape: tuple[int, int], preset: int) -> cv2.DISOpticalFlow:
+    """Return OpenCV's dense inverse search with one of its presets, for frames of a shape.
+
+    In low frames OpenCV takes the coarsest scale from the width alone. If the frame at that scale
+    is lower than a patch, 8 px, OpenCV reads beyond it and crashes (seen with 5.0.0). A finest
+    scale of 0 makes OpenCV take both sides into account.
+    """
+    search = cv2.DISOpticalFlow.create(preset)
+    if shape[0] < _LOW and shape[1] >= _WIDE:
+        search.setFinestScale(0)
+    return search
 
 
 class DenseFlow:
@@ -258,7 +273,6 @@ class Interpolation:
     """
 
     def __init__(self) -> None:
-        self._search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
         self._before: Luma | None = None
 
     def step(self, luma: Luma, intervals: float) -> Iterator[tuple[float, Luma]]:
@@ -268,6 +282,8 @@ class Interpolation:
         before. Each picture comes with its place in this time, between 0 and 1.
         """
         before, self._before = self._before, luma
+        if before is None:
+            self._search = inverse_search(luma.shape, cv2.DISOPTICAL_FLOW_PRESET_FAST)
         count = int(intervals + _ROUNDED_UP) if intervals < _MOST_INTERVALS + 1 - _ROUNDED_UP else 1
         if before is None or count < 2 or min(luma.shape) < _SHORTEST_SIDE:
             return

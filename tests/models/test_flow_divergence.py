@@ -60,6 +60,18 @@ def test_a_growing_texture_diverges_and_a_moving_one_does_not() -> None:
     assert found["still"] == 0
 
 
+def test_low_and_wide_frames_are_measured_too() -> None:
+    # With OpenCV's own scales this frame, lower than 32 px, ends the process.
+    still = texture(31, 160, 1)
+    turn = cv2.getRotationMatrix2D((79.5, 15), 0, 1.04)
+    grown = cv2.warpAffine(still, turn, (160, 31), flags=1).astype(np.float32)
+    detector = FlowDivergence((31, 160))
+    assert detector.step(still) is None
+    answer = detector.step(grown)
+    assert answer is not None
+    assert answer.response == pytest.approx(0.08, rel=0.5)
+
+
 def test_the_window_is_a_share_of_the_height() -> None:
     still = texture(120, 160, 1)
     centre = (79.5, 59.5)
