@@ -133,7 +133,7 @@ def _run(
     from oppload_cli.plots import style, tuning
     from oppload_cli.tuning.run import doubts_about, tune, write_tuning, write_tuning_sidecar
 
-    entry, settings, presentations, figure, fixed = sweep
+    entry, settings, presentations, figure, fixed, changes = sweep
     say_remarks(entry.protocols())
     for key, value in fixed.items():
         say(f"oppload: {key} stays at {value}; to sweep it as well, add --over {key}")
@@ -152,7 +152,7 @@ def _run(
     write_tuning(table, conditions)
     sidecar = partial(
         write_tuning_sidecar, paths[1], entry, settings, command=["oppload", *sys.argv[1:]],
-        indicator_s=indicator_s, figure=figure, doubts=doubts,
+        indicator_s=indicator_s, figure=figure, changes=changes, doubts=doubts,
     )  # fmt: skip
     sidecar()  # without the summary, which an error of the table would prevent
     try:

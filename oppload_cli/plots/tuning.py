@@ -40,6 +40,7 @@ from oppload_cli.plots.style import (
     write_title,
 )
 from oppload_cli.results.reading import check_numbers
+from oppload_cli.stimulus.catalogue import in_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -246,7 +247,7 @@ def _title(tunings: Sequence[Tuning], kind: str) -> str:
 
 
 def _settings_lines(tunings: Sequence[Tuning], names: Sequence[str]) -> list[str]:
-    """Return lines with preset, working height and changed parameters: one if all tables agree."""
+    """Return lines with preset, working height and all changes: one if all tables agree."""
     lines = [_settings_of(each) for each in tunings]
     if len(set(lines)) == 1:
         return [lines[0]] if lines[0] else []
@@ -261,6 +262,9 @@ def _settings_of(tuning: Tuning) -> str:
     height = sidecar.get("height") or display.get("height")
     changed = sidecar.get("changed")
     stated = dict(changed) if isinstance(changed, dict) else {}
+    changes = sidecar.get("stimulus", {}).get("changes")
+    for key, value in changes.items() if isinstance(changes, dict) else ():
+        stated[key] = value if isinstance(value, str) else in_toml(value)
     reduced = _reduced(tuning)
     for name in tuning.parameters:
         if name not in reduced.parameters:

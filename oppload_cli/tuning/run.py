@@ -292,6 +292,7 @@ def write_tuning_sidecar(
     command: Sequence[str],
     indicator_s: float = 0.0,
     figure: Mapping[str, Any] | None = None,
+    changes: Mapping[str, Any] | None = None,
     doubts: Sequence[Doubt] = (),
     summary: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
@@ -307,6 +308,8 @@ def write_tuning_sidecar(
         The command line.
     figure : mapping, optional
         Name, title and kind of the classic figure that the table is for.
+    changes : mapping, optional
+        The values of the stimulus that the user changed, by dotted key; figures show them.
     doubts : sequence of Doubt
         The reasons why curves mean little; figures show them.
     summary : mapping, optional
@@ -334,6 +337,7 @@ def write_tuning_sidecar(
             "name": entry.name,
             "description": entry.description,
             "sweep": entry.sweep,
+            "changes": dict(changes or {}),
             "symmetric": _is_symmetric(entry),
             "first": first.as_table(),
         },

@@ -126,6 +126,8 @@ class Sweep(NamedTuple):
     figure: Mapping[str, str] = {}  # name, title and kind; empty without a classic figure
     # The values of dotted keys that the stimulus's own sweep varies, but this sweep does not.
     fixed: Mapping[str, Any] = {}
+    # The values of `--change` by dotted key, without those of keys that are swept.
+    changes: Mapping[str, Any] = {}
 
 
 def sweeps(
@@ -180,7 +182,8 @@ def sweeps(
                 )
         values = {key: value_at(entry.table, key) for key in sorted(replaced)}
         fixed = {key: value for key, value in values.items() if value is not None}
-        return [Sweep(entry, resolve(**settings), fixed=fixed)]
+        changes = {key: value for key, value in changes.items() if key not in entry.sweep}
+        return [Sweep(entry, resolve(**settings), fixed=fixed, changes=changes)]
     classic = _figures_named(figures)
     if over and len(classic) > 1:
         raise ParameterError("--over needs exactly one --figure; give one of them")
@@ -190,7 +193,8 @@ def sweeps(
         resolved = resolve(**{**settings, "assignments": assignments})
         words = {"name": name, "title": figure.title, "kind": figure.kind}
         entry = _figure_entry(name, changes, over)
-        found.append(Sweep(entry, resolved, figure.presentations, words))
+        stated = entry.in_full(changes)
+        found.append(Sweep(entry, resolved, figure.presentations, words, changes=stated))
     return found
 
 

@@ -45,6 +45,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
     assert list(rows[0])[:4] == ["stimulus", "disk.growth.speed_deg_s", "model", "peak"]
     content = json.loads((out / names[1]).read_text())
     assert content["stimulus"]["first"]["timing"]["motion_s"] == 0.5
+    assert content["stimulus"]["changes"] == {"timing.motion_s": 0.5}
     assert content["parameters"]["opplod"]["receptive_field"] == 24
     assert content["doubts"] == [{"model": "dlgmd", "note": "below a millionth of its floor"}]
     assert (out / names[2]).read_bytes().startswith(b"\x89PNG")

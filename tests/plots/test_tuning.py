@@ -241,6 +241,15 @@ def test_a_damaged_protocol_in_the_sidecar_is_left_out(
     assert figure.texts[-1].get_text() == "preset paper"
 
 
+def test_the_foot_names_the_changes_of_the_stimulus(tmp_path: Path) -> None:
+    path = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS)
+    changes = {"bar.growth.speed_deg_s": 40, "bar.centre_deg": [0, 5], "bar.growth.sides": "both"}
+    with_sidecar(path, {"preset": "paper", "stimulus": {"name": "bar", "changes": changes}})
+    stated = "bar.growth.speed_deg_s=40; bar.centre_deg=[0, 5]; bar.growth.sides=both"
+    foot = plot_tuning(read_tuning(path))[0].texts[-1].get_text()
+    assert " ".join(foot.split()) == f"preset paper; {stated}"
+
+
 def test_a_sweep_of_one_row_is_a_line(tmp_path: Path) -> None:
     """The value that stays is told at the foot."""
     values = {"disk.speed_deg_s": [14.4] * 4, "disk.luminance": [0.0, 0.3, 0.6, 0.9]}

@@ -158,6 +158,14 @@ def test_every_figure_makes_its_stimuli() -> None:
         resolve(assignments=figure.settings, usual="reference")
 
 
+def test_a_sweep_tells_the_changes_of_the_user_alone() -> None:
+    changes = {"speed": 30, "timing.motion_s": 0.4}
+    full = {"bar.growth.speed_deg_s": 30, "timing.motion_s": 0.4}
+    (figure,) = sweeps(None, ["bar-ends"], dict(changes), [], {})
+    (own,) = sweeps("klapoetke2017/bar-expand-10", [], changes | {"axis": [0, 90]}, [], {})
+    assert figure.changes == own.changes == full
+
+
 @pytest.mark.parametrize(
     ("name", "over"),
     [
