@@ -118,9 +118,18 @@ _NORMAL = 1.959964
 
 def contact_lines(request: Request) -> list[str]:
     """Return the fit of each curve of :func:`plot_contact`, as a line of text."""
-    fits = [(curve.name, fit_of(curve)) for curve in request.curves()]
-    missing = "fewer than three peaks, no line"
-    return [f"{name}: {fit.text if fit else missing}" for name, fit in fits]
+    lines = []
+    for curve in request.curves():
+        fit = fit_of(curve)
+        cause = "fewer than three peaks" if _has_contact(curve) else "a stimulus without contact"
+        lines.append(f"{curve.name}: {fit.text if fit else f'{cause}, no line'}")
+    return lines
+
+
+def _has_contact(curve: TuningCurve) -> bool:
+    """Return whether a time before contact is known, or would be if there were any peak."""
+    before = curve.rows["peak_before_contact_s"]
+    return bool(before.notna().any() or not (curve.peaks > 0).any())
 
 
 def fit_of(curve: TuningCurve) -> PeakTimes | None:
@@ -152,6 +161,11 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     curves = request.curves()
     few = len(curves) <= FEW
     known = [_peaks(curve) for curve in curves]
+    if not any(_has_contact(curve) for curve in curves):
+        raise ResultError(
+            f"{curves[0].tuning.path}: column 'peak_before_contact_s' is empty, as the stimulus "
+            "has no contact; draw another --kind, such as line"
+        )
     sized = any(sizes is not None for *_, sizes in known)
     lines = len(curves) * (2 if few else 0.5) + 8 * request.published
     height = 2.0 + 1.3 * sized + 0.14 * lines

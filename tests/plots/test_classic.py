@@ -443,6 +443,18 @@ def test_two_l_over_v_make_no_line(tmp_path: Path) -> None:
     assert plot_tuning(tuning, "contact")[1][0].get_legend_handles_labels()[1][0] == "OppLoD"
 
 
+def test_a_stimulus_without_contact_has_no_figure_over_l_over_v(tmp_path: Path) -> None:
+    values = {"bar.growth.l_over_v_ms": [10.0, 20, 40]}
+    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2, 3], "dlgmd": [0.0, 0, 0]})
+    tuning.rows["peak_before_contact_s"] = np.nan
+    assert lines_of([tuning], "contact") == [
+        "OppLoD: a stimulus without contact, no line",
+        "D-LGMD: fewer than three peaks, no line",
+    ]
+    with pytest.raises(ResultError, match="is empty, as the stimulus has no contact"):
+        plot_tuning(tuning, "contact", models=["opplod"])
+
+
 def test_the_sum_of_single_ends_is_inside_the_axes(tmp_path: Path) -> None:
     peaks = {"opplod": [2.0, 2, 2, 2], "dlgmd": [2.0, 2, 1, 1]}
     tuning = made(tmp_path / "a.tuning.csv", ends(0, 180), peaks)
