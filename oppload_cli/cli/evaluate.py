@@ -95,7 +95,7 @@ def evaluate(
 
     MANIFEST.csv has a row per clip: file,label,onset_frame,contact_frame, with the label
     'looming' or 'none'. Instead of a manifest, name stimuli of the catalogue, such as 'staged/*',
-    or videos with their ground truth beside them.
+    or videos and folders of images with their ground truth beside them.
 
     OppLoD is compared with D-LGMD, the divergence of optical flow and the mean change of
     luminance. DIR gets evaluation.html, one page with everything, report.json, the figures,

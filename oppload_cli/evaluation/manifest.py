@@ -283,7 +283,8 @@ def clips_of(
     Parameters
     ----------
     inputs : sequence of str
-        The path of a manifest; or names of stimuli, and videos with their ground truth beside them.
+        The path of a manifest; or names of stimuli, and videos or folders of images with their
+        ground truth beside them.
     boxes : Path or None
         The file with the boxes of the manifest's clips.
     backgrounds : sequence of str
@@ -314,8 +315,10 @@ def clips_of(
 
 
 def _is_clip(name: str) -> bool:
-    """Tell whether an input is a file, but not a protocol."""
-    return is_file(Path(name)) and not name.endswith(".toml")
+    """Tell whether an input is a file, but no protocol, or a folder of a stimulus's images."""
+    if is_folder(name):
+        return truth_beside(name).is_file()
+    return is_file(name) and not name.endswith(".toml")
 
 
 def _manifest_in(inputs: Sequence[str]) -> Path | None:

@@ -368,6 +368,15 @@ def test_what_does_not_go_together_is_refused(arguments: list[str], said: str) -
     assert said in done.stderr
 
 
+def test_images_of_a_stimulus_have_its_label(tmp_path: Path) -> None:
+    stimulus.write(stimulus.load(HIT, SMALL), tmp_path, form="png")
+    (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    (entry,) = clips_of([str(folder)], None, [], []).entries
+    true = label_of(HIT, *CHANGES)
+    assert (entry.path, entry.label.name) == (folder, folder.name)
+    assert (entry.label.onset, entry.label.boxes) == (true.onset, true.boxes)
+
+
 def test_the_boxes_of_a_scaled_video_are_in_its_own_pixels(tmp_path: Path) -> None:
     truth = stimulus.ground_truth(stimulus.load(HIT, SMALL))
     for name, width, frames in (("half", 32, 30), ("other", 48, 30), ("long", 32, 60)):
