@@ -127,6 +127,11 @@ class InputFacts:
         """Whether it is a camera or a stream, which may go on until the user stops it."""
         return self.kind in {"camera", "stream"}
 
+    @property
+    def rate_declared(self) -> Fraction | None:
+        """The frame rate, if the input may contradict it: GIF and APNG hold times alone."""
+        return None if self.codec in {"gif", "apng"} else self.frame_rate
+
     def as_dict(self) -> dict[str, Any]:
         """Return the facts ready for JSON, fractions as ``"30000/1001"``."""
         facts = dict(vars(self))

@@ -67,7 +67,7 @@ class Video:
         except BaseException:
             source.close()
             raise
-        self.times = FrameTimes(source.facts.frame_rate)
+        self.times = FrameTimes(source.facts.rate_declared)
         self._luminance = Luminance(self.working, source.facts)
         self._colour: Colour | None = None
         if colour:

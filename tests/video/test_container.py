@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import struct
 from fractions import Fraction
+from itertools import accumulate, cycle, islice
 from typing import TYPE_CHECKING, Any
 
 import av
@@ -89,6 +90,28 @@ def test_a_video_with_transparency_gives_a_note(
         said = ["transparency is left out; draw the pictures on a ground first"]
         assert video.decode.messages == (said if opacity < 255 else [])
         assert video.decode.complete
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "rate"),
+    [
+        ("a.gif", [2], 50),  # FFmpeg's average: 100
+        ("a.gif", [3, 4, 3], 30),  # 100/3
+        ("a.gif", [5, 7, 3, 11], 50 / 3),  # uneven: FFmpeg guesses the ticks, 100
+        ("a.apng", [5, 7, 3, 11], 97 / 6),
+    ],
+)
+def test_an_animation_has_the_rate_of_its_times_and_declares_none(
+    name: str, steps: list[int], rate: float, tmp_path: Path
+) -> None:
+    times = list(accumulate(islice(cycle(steps), 23), initial=0))
+    path, hundredth = tmp_path / name, Fraction(1, 100)
+    write_video(path, grey_frames(24), codec=name[2:], times=times, time_base=hundredth, rate=100)
+    with open_video(path) as opened:
+        seconds = [frame.time_s for frame in opened]
+        assert float(opened.facts.frame_rate or 0) == pytest.approx(rate, rel=2e-3)
+        assert opened.times.remarks() == []
+    np.testing.assert_allclose(seconds, np.array(times) / 100, atol=1e-5)
 
 
 def test_a_raw_stream_has_the_rate_that_its_encoder_states(tmp_path: Path) -> None:
