@@ -16,7 +16,7 @@ import oppload_cli as oppload
 from oppload_cli.errors import OutputError, ParameterError, ResultError, SourceError
 from oppload_cli.results.table import columns_for
 from tests.cli.inside import run
-from tests.media import looming, texture, write_video
+from tests.media import grey_frames, looming, texture, write_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -88,8 +88,11 @@ def test_every_kind_of_source_gives_the_same(kind: str, tmp_path: Path) -> None:
 
 
 def test_a_video_keeps_its_own_rate(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match="has times of its own; give a rate for an array"):
+    with pytest.raises(ParameterError, match="has times or a rate of its own; give a rate for an"):
         oppload.run(as_path(tmp_path), rate=60, **NATIVE)
+    raw = write_video(tmp_path / "a.mjpeg", grey_frames(2), codec="mjpeg", pixel_format="yuvj420p")
+    with pytest.raises(ParameterError, match="carries no times, so that 25 frames/s are assumed"):
+        oppload.run(raw, rate=60, **NATIVE)
 
 
 def test_a_stimulus_may_be_named_and_keeps_its_truth(tmp_path: Path) -> None:

@@ -286,10 +286,12 @@ class _Run:
         if facts.rate_assumed:
             images = "images carry no times; --image-rate states another rate"
             stream = "the stream carries no times; put it into a container such as Matroska"
+            if self._task.image_rate:
+                stream += " at its true rate, as --image-rate is for images"
             reason = images if facts.kind == "images" else stream
             yield f"{facts.frame_rate} frames/s are assumed, as {reason}"
         elif self._task.image_rate and facts.kind != "images":
-            yield "has times of its own: --image-rate has no effect on it"
+            yield "has times or a rate of its own: --image-rate has no effect on it"
         elif facts.kind == "images" and (true := rate_beside(name)) not in {None, facts.frame_rate}:
             yield (
                 f"--image-rate says {facts.frame_rate} frames/s, but the ground truth {true}; "

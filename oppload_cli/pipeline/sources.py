@@ -277,9 +277,14 @@ def open_source(
         image_rate = checked_rate(rate)
         with open_video(source, height=size, image_rate=image_rate) as video:
             if image_rate not in {None, video.facts.frame_rate}:
-                raise ParameterError(
-                    f"{source}: has times of its own; give a rate for an array or images only"
-                )
+                own = "has times or a rate of its own; give a rate for an array or images only"
+                if video.facts.rate_assumed:
+                    own = (
+                        f"carries no times, so that {video.facts.frame_rate} frames/s are assumed; "
+                        "put it into a container such as Matroska at its true rate, as only arrays "
+                        "and images take a rate"
+                    )
+                raise ParameterError(f"{source}: {own}")
             yield video
     elif hasattr(source, "facts") and hasattr(source, "working"):
         yield source  # type: ignore[misc]

@@ -216,12 +216,13 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
     write_video(tmp_path / "video.avi", grey_frames(12))
     assumed = "frames: 30 frames/s are assumed, as images carry no times; --image-rate states"
     stream = "raw.mjpeg: 25 frames/s are assumed, as the stream carries no times; put it into"
-    ignored = "video.avi: has times of its own: --image-rate has no effect on it"
+    ignored = "video.avi: has times or a rate of its own: --image-rate has no effect on it"
     write_video(tmp_path / "raw.mjpeg", grey_frames(4), codec="mjpeg", pixel_format="yuvj420p")
     words = ("-o", tmp_path, "--height", "48", "--no-rmo")
     for name, more, told in (
         ("frames", (), assumed),
         ("raw.mjpeg", (), stream),
+        ("raw.mjpeg", ("--image-rate", "60", "--if-exists", "overwrite"), stream),
         ("video.avi", (), None),
         ("frames", ("--image-rate", "25", "--if-exists", "overwrite"), None),
         ("video.avi", ("--image-rate", "25", "--if-exists", "overwrite"), ignored),
@@ -235,6 +236,8 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
         assert done.returncode == 0
         told_of = [each for each in (assumed, stream, ignored) if each in done.stderr]
         assert told_of == [told] * bool(told)
+        remedy = "such as Matroska at its true rate, as --image-rate is for images"
+        assert (remedy in done.stderr) == (told == stream and "60" in more)
     facts = json.loads((tmp_path / "frames.oppload.json").read_text())["input"]
     assert (facts["frame_rate"], facts["rate_assumed"]) == ("25/1", False)
     refused = oppload("run", folder, *words, "--if-exists", "skip")
