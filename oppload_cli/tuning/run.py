@@ -6,6 +6,7 @@ import csv
 from dataclasses import dataclass, fields
 from functools import partial
 from io import StringIO
+from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,6 +20,7 @@ from oppload_cli.models.registry import alarm_floor_of, detector_named
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import NOTHING, direction_of
 from oppload_cli.results.table import write_sidecar
+from oppload_cli.stimulus.kinematics import motion_times
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import Measures, measure, present
 
@@ -141,6 +143,7 @@ def doubts_about(
     """Yield the detectors whose curves over a sweep mean little, with the reasons."""
     yield from faint(conditions, settings)
     yield from _to_onset(conditions, entry)
+    yield from _to_vanishing(conditions, entry)
     yield from _unlike_neurons(conditions, settings, entry.protocols()[0].display.height)
 
 
@@ -215,6 +218,41 @@ def _pause(protocol: Protocol) -> tuple[float, list[str]]:
     onset_s = min(each.onset_s for each in moving)
     first = [each for each in moving if onset_s and each.onset_s == onset_s]
     return before_s + onset_s, keys + [f"{each.id}.onset_s" for each in first]
+
+
+def _to_vanishing(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
+    """Yield the detectors that respond to an object that vanishes, which is no motion.
+
+    With an indicator, a peak may come at the end of any motion.
+    """
+    if _PRESENTATION in conditions[0].values or any(each.indicator_s for each in conditions):
+        return
+    vanishing = [_vanishing(protocol) for protocol in entry.protocols()]
+    advice = " and ".join(f"--change {key}=never" for key in dict.fromkeys(chain(*vanishing)))
+    for name in conditions[0].measures:
+        times = [each.measures[name].peak_time_s for each in conditions]
+        late = [
+            time_s is not None and any(-1e-6 < time_s - end_s < _ONSET_S for end_s in ends.values())
+            for ends, time_s in zip(vanishing, times, strict=True)
+        ]
+        if any(late):
+            part = f"{sum(late)} of {len(late)} peaks"
+            yield Doubt(
+                name,
+                f"{part} when an object vanishes: no tuning",
+                f"{detector_named(name).label}: {part} come within {_ONSET_S:.2g} s after an "
+                f"object has vanished: they are responses to this, and show no tuning; {advice} "
+                "keeps the object",
+            )
+
+
+def _vanishing(protocol: Protocol) -> dict[str, float]:
+    """Return when objects vanish, in s, by the keys of the protocol that say so."""
+    return {
+        f"{each.id}.vanishes": motion_times(protocol.timing, each)[1]
+        for each in protocol.objects
+        if each.vanishes != "never"
+    }
 
 
 def _unlike_neurons(

@@ -280,6 +280,18 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
     assert not at_the_start(tune(entry, settings, presentations=2), entry, settings)
 
 
+def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
+    shown = disk(tmp_path).with_settings({"timing.after_s": 0.4})
+    gone = shown.with_settings({"disk.vanishes": "end"})
+    settings = resolve(preset="reference", height="native", models=["frame_difference"])
+    (doubt,) = doubts_about(tune(gone, settings), gone, settings)
+    assert doubt[:2] == ("frame_difference", "3 of 3 peaks when an object vanishes: no tuning")
+    assert doubt.text.endswith("; --change disk.vanishes=never keeps the object")
+    assert not list(doubts_about(tune(shown, settings), shown, settings))
+    slow = tune(gone, settings, indicator_s=1)  # its peak comes at the end of any motion
+    assert not list(doubts_about(slow, gone, settings))
+
+
 @pytest.mark.parametrize(
     ("text", "values"),
     [
