@@ -342,7 +342,7 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
                 x, y = np.append(x, 0), np.append(y, np.nan)
             order = np.argsort(x)
             share = y[order] / (curve.largest or 1.0)
-            panel.plot(x[order], share, marker="o", markersize=3, **curve.look, label=curve.label)
+            panel.plot(x[order], share, markersize=3, **curve.look, label=curve.label)
         begin_at_zero(panel)
         panel.axvline(0, color=FAINT, lw=0.7)
         panel.set_xlabel("contrast to the ground (%), below 0: darker")
@@ -392,7 +392,7 @@ def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
             size = 3.0 + 2.0 * (len(curves) - 1 - number) * (len(curves) <= FEW)
             label = f"{curve.name}: last / first {share[-1]:.3f}{curve.doubts}"
             panel.plot(
-                rows[column], share, marker="o", markersize=size, **curve.look,
+                rows[column], share, markersize=size, **curve.look,
                 label=wrapped(label, LEGEND_WIDTH),
             )  # fmt: skip
         panel.set_ylim(0, 1.1 * most)

@@ -185,10 +185,10 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
                 label += " (above)"
             if few and curve.doubts:  # the legend of many detectors has no room for them
                 label += f"\n{wrapped(curve.doubts, LEGEND_WIDTH)}"
-            dots: dict[str, Any] = {"marker": "o", "markersize": 3}
-            points = {"color": curve.look["color"], "linestyle": "", **dots}
+            look: dict[str, Any] = curve.look | {"markersize": 3}
+            points = look | {"linestyle": ""}
             axes[0].plot(x, 1000 * before, **points)
-            axes[0].plot([], [], **(points if fit is None else curve.look | dots), label=label)
+            axes[0].plot([], [], **(points if fit is None else look), label=label)
             if sizes is not None:
                 axes[-1].plot(x, sizes, **points)
         _draw_field(axes, curves[0].tuning)
@@ -233,7 +233,7 @@ def _draw_line(
     x = np.linspace(0, longest, 50)
     line = fit.slope * x - 1000 * fit.delay_s
     error = 1000 * fit.error_s(x / 1000)
-    axes.plot([x[0], x[-1]], [line[0], line[-1]], lw=0.8, **look)
+    axes.plot([x[0], x[-1]], [line[0], line[-1]], lw=0.8, **look | {"marker": ""})
     if limits:
         axes.fill_between(x, line - error, line + error, color=look["color"], alpha=0.15, lw=0)
 

@@ -311,7 +311,7 @@ def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
     The curves have the colours of their detectors.
     """
     if len({curve.number for curves in panels for curve in curves}) == 1:
-        return [[curve] for curves in panels for curve in curves]
+        return [[replace(curve, dash="-")] for curves in panels for curve in curves]
     if len({curve.number for curve in panels[0]}) == 1:
         return [list(curves) for curves in panels]
     shown = detector_named(panels[0][0].detector)
@@ -394,7 +394,7 @@ def _legend(
 ) -> None:
     """Write the title, the colours of the detectors and the notes above all panels."""
     lines = {
-        curve.name: Line2D([], [], color=curve.colour, label=curve.name)
+        curve.name: Line2D([], [], color=curve.colour, ls=curve.dash, label=curve.name)
         for curves in panels
         for curve in curves
     }

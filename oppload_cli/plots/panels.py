@@ -170,9 +170,12 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
     for at in in_number_order(labels):
         result, truth = results[at], usable_truth(results[at])
         zero_s = _contact(result, truth, options.marks.get("contact"), at) if options.align else 0.0
+        names = detectors[at]
+        shown = () if options.scale == "raw" else looks_of(names)  # else in a panel of its own
+        dashes = [look["linestyle"] for look in shown] or ["-"] * len(names)
         group = [
-            Curve(result, at, labels[at], each.name, each.label, each.colour, truth, zero_s)
-            for each in map(detector_named, detectors[at])
+            Curve(result, at, labels[at], each.name, each.label, each.colour, truth, zero_s, dash)
+            for each, dash in zip(map(detector_named, names), dashes, strict=True)
         ]
         groups.append(group)
     if len(results) > 1 and len(set(detectors)) == 1 and len(detectors[0]) == 1:

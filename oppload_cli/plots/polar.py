@@ -228,7 +228,7 @@ def _of_detector(
         angles,
         values,
         shown.unit,
-        {**look, "marker": "o", "markersize": 2.2},
+        {**look, "markersize": 2.2},
         tuning.symmetric,
         _TURNED if direction == _SCENE else _MOTION,
         doubts_of(tuning, detector),

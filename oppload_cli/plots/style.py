@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
 from functools import cache
-from itertools import cycle, takewhile
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import numpy as np
@@ -45,7 +45,8 @@ INK, FAINT = palette.INK, palette.FAINT
 GREY = "#666666"  # the small print at the foot of a figure
 CYCLE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
-FEW = 4  # so many detectors fit into one column, and their colours alone tell them apart
+MARKERS = ("o", "^", "D", "v")  # of the points of a curve, one for each kind of dashes
+FEW = 4  # so many detectors fit into one column
 SHADES = "cividis"
 LPLC2 = "#000000"
 COLUMN = 8.5 / 2.54  # inches: the width of a journal's column
@@ -156,22 +157,24 @@ def as_list(results: T | Sequence[T]) -> list[T]:
 def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
     """Return the line properties of each curve of a figure, from the detector of each curve.
 
-    A curve has its detector's colour; in a figure of more than four detectors it has the detector's
-    dashes too. If a detector has several curves, all curves take colours and dashes in turn, so
-    that no two of up to 28 curves look alike.
+    A curve has its detector's colour, dashes and markers, so that a print in grey shows which curve
+    is which; a single curve is solid. If a detector has several curves, all curves take colours and
+    dashes in turn, so that no two of up to 28 curves look alike.
     """
     if len(set(detectors)) == len(detectors):
         known = known_names()
-        dashes = DASHES if len(detectors) > FEW else DASHES[:1]
-        looks = [
-            (detector_named(name).colour, dashes[known.index(name) % len(dashes)])
-            for name in detectors
-        ]
+        numbers = [known.index(name) if len(detectors) > 1 else 0 for name in detectors]
+        colours = [detector_named(name).colour for name in detectors]
     else:
-        looks = [(colour, dash) for dash in DASHES for colour in CYCLE]
+        numbers = list(range(len(detectors)))
+        colours = [CYCLE[number % len(CYCLE)] for number in numbers]
     return [
-        {"color": colour, "linestyle": dash}
-        for _, (colour, dash) in zip(detectors, cycle(looks), strict=False)
+        {
+            "color": colour,
+            "linestyle": DASHES[number % len(DASHES)],
+            "marker": MARKERS[number % len(MARKERS)],
+        }
+        for colour, number in zip(colours, numbers, strict=True)
     ]
 
 

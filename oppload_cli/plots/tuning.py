@@ -336,7 +336,7 @@ def _draw_line(
     values = curve.rows[parameter].to_numpy(float)
     order = np.argsort(values, kind="stable")  # the values of a sweep may be in any order
     peaks = curve.peaks[order] / (1.0 if raw else curve.largest or 1.0)
-    panel.plot(values[order], peaks, marker="o", **look | shown, label=curve.label)
+    panel.plot(values[order], peaks, **look | shown, label=curve.label)
 
 
 def _plot_small_lines(
@@ -345,7 +345,7 @@ def _plot_small_lines(
     """Draw a small panel for each curve, over its largest peak."""
     with _small_panels(len(curves), 1.5, title) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
-            _draw_line(panel, curve, parameter, {"color": curve.detector.colour})
+            _draw_line(panel, curve, parameter, {"color": curve.detector.colour, "marker": "o"})
             _name_small(panel, curve, curve.largest)
             begin_at_zero(panel)
         figure.supxlabel(described(parameter), fontsize=7.5)

@@ -6,12 +6,18 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 from matplotlib.colors import to_rgb
 
 from oppload_cli.models.registry import detectors
+from oppload_cli.plots.panels import CurveOptions, panels_of
 from oppload_cli.plots.style import looks_of
+from oppload_cli.results.reading import read_result
+from tests.results.make import write_result
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
 # From linear RGB to OKLab (Ottosson 2020).
@@ -71,8 +77,22 @@ def test_detectors_with_the_same_dashes_differ_for_the_colour_blind() -> None:
                 assert apart >= 0.055, (one, other)
 
 
-def test_few_detectors_have_no_dashes_and_many_have_their_own() -> None:
+def test_a_detector_has_the_same_look_in_every_figure_of_several() -> None:
     names = list(detectors())
-    assert [look["linestyle"] for look in looks_of(names[:4])] == ["-"] * 4
     every = dict(zip(names, looks_of(names), strict=True))
     assert looks_of(names[9:2:-1]) == [every[name] for name in names[9:2:-1]]
+    assert [looks_of([name])[0]["linestyle"] for name in names] == ["-"] * len(names)
+
+
+@pytest.mark.parametrize("names", [["opplod", "dlgmd", "frame_difference"], ["dlgmd"] * 4])
+def test_a_few_curves_differ_in_dashes_and_markers_in_grey(names: list[str]) -> None:
+    looks = looks_of(names)
+    for part in ("linestyle", "marker"):
+        assert len({str(look[part]) for look in looks}) == len(names)
+
+
+def test_curves_over_time_have_the_looks_of_their_detectors(tmp_path: Path) -> None:
+    result = read_result(write_result(tmp_path / "a.frames.csv"))
+    for shown in (["dlgmd", "opplod"], ["dlgmd"]):
+        (curves,) = panels_of([result], CurveOptions(tuple(shown)))
+        assert [curve.dash for curve in curves] == [e["linestyle"] for e in looks_of(shown)]

@@ -17,7 +17,7 @@ from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.plots.polar import direction_tunings
 from oppload_cli.plots.rmo import plot_rmo
-from oppload_cli.plots.style import CYCLE, FAINT, MOST_HEIGHT, described, looks_of
+from oppload_cli.plots.style import CYCLE, FAINT, MARKERS, MOST_HEIGHT, described, looks_of
 from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.reference import bar_tuning, lplc2_peaks
 from oppload_cli.results.reading import is_tuning, read_tuning
@@ -550,7 +550,7 @@ def test_two_tables_of_one_detector_have_two_colours(tmp_path: Path, kind: str, 
     tables = presets(tmp_path, {key: [0.2, 0.4, 0.8, 1.0]})
     _, axes = plot_tuning(tables, kind, published=False, lplc2="none")
     for panel in axes:
-        marked = [line for line in panel.lines if line.get_marker() == "o"]
+        marked = [line for line in panel.lines if line.get_marker() in MARKERS]
         colours = {line.get_color(): line for line in marked}
         assert list(colours) == list(CYCLE[:2])
     handles, labels = axes[0].get_legend_handles_labels()
