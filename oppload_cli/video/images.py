@@ -42,6 +42,8 @@ _FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # Pillow's names
 # An image file has at most `_PIXEL_BYTES` bytes per pixel, and `_OTHER_BYTES` more.
 _PIXEL_BYTES, _OTHER_BYTES = 8, 1 << 24
 _GAP = 1.5  # images are missing if a step between two numbers is at least 1.5 usual steps
+# A camera may fail once, for example if USB loses a packet; so its reading is tried again.
+_RETRY_S, _PAUSE_S = 1.0, 0.01  # in all, and between two readings
 _DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # Pillow's modes with 16 bits
 
 
@@ -314,6 +316,8 @@ class CameraSource:
             time_s = time.monotonic() - start if index else 0.0
             yield Picture(index, time_s, _grey(colour), original=colour)
             colour = self._picture()
+            if colour is None and (colour := self._picture_after_failure()) is not None:
+                self.decode.failed("the camera failed, and went on")
 
     def finish(self) -> None:
         """Count a failure: the camera stopped before the user stopped it."""
@@ -322,6 +326,16 @@ class CameraSource:
     def close(self) -> None:
         """Release the camera; may be called twice."""
         self._capture.release()
+
+    def _picture_after_failure(self) -> Colour | None:
+        """Return the next picture of a camera that has just failed; None if it fails for 1 s."""
+        end = time.monotonic() + _RETRY_S
+        while not self.stopping and time.monotonic() < end:
+            colour = self._picture()
+            if colour is not None:
+                return colour
+            time.sleep(_PAUSE_S)
+        return None
 
     def _picture(self) -> Colour | None:
         read, colour = self._capture.read()

@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from oppload_cli.errors import SourceError
+from oppload_cli.video import images
 from oppload_cli.video.inputs import Span
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.source import open_video
@@ -253,8 +254,26 @@ class FakeCamera:
         self.released = True
 
 
+class Clock:
+    """A clock that only `sleep` moves."""
+
+    now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+def use(camera: type, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let OpenCV open a camera of our own, whose retries take no time."""
+    monkeypatch.setattr(cv2, "VideoCapture", camera)
+    monkeypatch.setattr(images, "time", Clock())
+
+
 def test_a_camera_is_a_source_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cv2, "VideoCapture", FakeCamera)
+    use(FakeCamera, monkeypatch)
     with open_video("camera:0", height=24) as video:
         frames = list(video)
         assert video.facts.frame_rate == 30
@@ -263,9 +282,27 @@ def test_a_camera_is_a_source_like_any_other(monkeypatch: pytest.MonkeyPatch) ->
     assert (frames[0].luma.shape, frames[0].time_s) == ((24, 32), 0)
 
 
+def test_a_camera_that_fails_once_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Hiccup(FakeCamera):
+        """Fails for 0.9 s after its second picture."""
+
+        def __init__(self, number: int) -> None:
+            super().__init__(number)
+            self.fails = [False, False, *[True] * 90]
+
+        def read(self) -> tuple[bool, Any]:
+            return (False, None) if self.fails and self.fails.pop(0) else super().read()
+
+    use(Hiccup, monkeypatch)
+    with open_video("camera:0", height=24) as video:
+        assert len(list(video)) == 3
+        assert video.decode.messages == ["the camera failed, and went on", "the camera stopped"]
+        assert video.decode.failures == 2
+
+
 @pytest.mark.parametrize("stated", [0.0, -1.0, 1e-9, float("inf"), float("nan")])
 def test_a_camera_that_states_no_rate(monkeypatch: pytest.MonkeyPatch, stated: float) -> None:
-    monkeypatch.setattr(cv2, "VideoCapture", FakeCamera)
+    use(FakeCamera, monkeypatch)
     monkeypatch.setattr(FakeCamera, "get", lambda _self, _property: stated)
     with open_video("camera:0", height=24) as video:
         assert video.facts.frame_rate is None
@@ -278,7 +315,7 @@ def test_a_file_with_the_name_of_a_camera_is_given_with_its_folder(
 ) -> None:
     write_video(tmp_path / "a.avi", grey_frames(5)).rename(tmp_path / "camera:0")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cv2, "VideoCapture", FakeCamera)
+    use(FakeCamera, monkeypatch)
     for name, kind, count in (("camera:0", "camera", 3), ("./camera:0", "container", 5)):
         opening = Opening(name, height=24, span=Span(), own_process=own_process)
         with opening.result() as video:
@@ -297,6 +334,6 @@ def test_a_file_with_the_name_of_a_camera_is_given_with_its_folder(
 def test_a_camera_that_is_not_there(
     monkeypatch: pytest.MonkeyPatch, name: str, message: str
 ) -> None:
-    monkeypatch.setattr(cv2, "VideoCapture", FakeCamera)
+    use(FakeCamera, monkeypatch)
     with pytest.raises(SourceError, match=message):
         open_video(name)
