@@ -61,6 +61,7 @@ _SMALL = 34  # characters in a line above a small panel
 _IN_A_ROW = 4  # small panels
 _MOST_LINES = 6  # in one panel; of more lines, each has a small panel
 _SMALLEST_LETTERS, _SMALLEST_LINE = 21, 0.1  # at the foot: letters in an inch, inches of a line
+_LABEL_LINE = 0.19  # inches of the label below small panels
 _MOST_TICKS = 24  # along a heat map
 KINDS = ("polar", "line", "heat", "contact", *FIGURES)
 
@@ -282,8 +283,12 @@ def _write_below(figure: Figure, lines: Sequence[str]) -> None:
     more = _SMALLEST_LINE * (text.count("\n") + 1)
     height = figure.get_figheight() + more
     figure.set_figheight(height)
+    below = more
+    if label := figure.get_supxlabel():  # the layout would write it over the foot
+        figure.supxlabel(label, y=(more + 0.04) / height, fontsize=7.5)
+        below += _LABEL_LINE
     engine: Any = figure.get_layout_engine()
-    engine.set(rect=(0, more / height, 1, 1 - more / height))
+    engine.set(rect=(0, below / height, 1, 1 - below / height))
     figure.text(
         0.99, 0.02 / height, text, ha="right", va="bottom", fontsize=5.5, color=GREY
     )  # fmt: skip

@@ -9,6 +9,7 @@ import pytest
 from matplotlib.artist import getp
 from matplotlib.colors import LogNorm
 from matplotlib.projections.polar import PolarAxes
+from matplotlib.text import Text
 from scipy.special import stdtrit
 
 from oppload_cli.errors import ParameterError, ResultError
@@ -224,6 +225,22 @@ def test_the_foot_of_a_figure_says_how_it_was_measured(kind: str, tmp_path: Path
     assert tight is not None
     assert figure.bbox.y0 <= box.y0 < box.y1 <= tight.y0
     assert figure.get_figheight() > before.get_figheight()
+
+
+@pytest.mark.parametrize("kind", ["polar", "line"])
+def test_the_foot_lies_below_the_label_of_small_panels(kind: str, tmp_path: Path) -> None:
+    names = [name for name in detectors() if name != "opplod"][:7]
+    path = write_tuning(tmp_path / "a.tuning.csv", AXES, dict.fromkeys(names, PEAKS["opplod"]))
+    changed = {f"opplod.{letter * 9}": 1.5 for letter in "abcdefgh"}
+    with_sidecar(path, {"preset": "paper", "height": 600, "changed": changed})
+    figure, axes = plot_tuning(read_tuning(path), kind)
+    figure.draw_without_rendering()
+    foot = figure.texts[-1].get_window_extent()
+    (label,) = (each for each in figure.findobj(Text) if each.get_text() == figure.get_supxlabel())
+    box = label.get_window_extent()
+    lowest = min(tight.y0 for panel in axes if (tight := panel.get_tightbbox()))
+    assert figure.bbox.y0 <= foot.y0 < foot.y1 <= box.y0 < box.y1 <= lowest
+    assert figure.bbox.x0 <= foot.x0
 
 
 @pytest.mark.parametrize(
