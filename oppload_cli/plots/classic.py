@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     Series = NDArray[np.float64]
 
 _NARROW = 28  # characters in a line above one of two panels side by side
+_NARROWEST = 18  # beside a colour bar
 _HALF = 0.5
 _MOST_RATIO = 1000  # the number means little above it
 
@@ -157,7 +158,7 @@ def _panels(
 def _single(request: Request, curves: Sequence[TuningCurve]) -> Iterator[tuple[Figure, Axes]]:
     """Make a figure with one panel; the legend is added after the caller has drawn the curves."""
     few = len(curves) <= FEW
-    lines = sum(1 + curve.doubts.count("\n") for curve in curves)
+    lines = sum(1 + curve.label.count("\n") for curve in curves)
     height = 2.2 + 0.14 * lines / (1 if few else 2)
     with styled_figure(COLUMN if few else PAGE, min(MOST_HEIGHT, height)) as figure:
         panel = figure.subplots()
@@ -183,7 +184,7 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     tuning = curves[0].tuning
     wanted = "a position; run 'oppload tune --figure position'"
     right, up = (column_of(tuning, end, wanted, of=2) for end in (".right", ".up"))
-    across = _NARROW if len(curves) > 1 else TITLE_WIDTH
+    across = _NARROWEST if len(curves) > 1 else TITLE_WIDTH
     labels = (described(right), described(up))
     # Without the room for each line of the title, the panel would be drawn over the foot.
     above = 0.25 + 0.14 * wrapped(request.title, TITLE_WIDTH).count("\n")

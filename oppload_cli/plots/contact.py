@@ -174,8 +174,9 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         grid = figure.subplots(1 + sized, 1, squeeze=False, sharex=True, height_ratios=heights)
         axes = list(grid[:, 0])
         top = None if few else _top(x for x, _, _ in known)
+        more = 0  # lines of the legend, of long names and of doubts
         for curve, (x, before, sizes) in zip(curves, known, strict=True):
-            label = curve.name
+            label = wrapped(curve.name, LEGEND_WIDTH)
             fit = _line(curve.tuning, x, before)
             if fit is not None:
                 short = f": {fit.angle_deg:.0f} deg, {round(1000 * fit.delay_s)} ms"
@@ -185,6 +186,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
                 label += " (above)"
             if few and curve.doubts:  # the legend of many detectors has no room for them
                 label += f"\n{wrapped(curve.doubts, LEGEND_WIDTH)}"
+            more += max(0, label.count("\n") - few)
             look: dict[str, Any] = curve.look | {"markersize": 3}
             points = look | {"linestyle": ""}
             axes[0].plot(x, 1000 * before, **points)
@@ -204,6 +206,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         if top is not None and axes[0].get_ylim()[1] > top:
             axes[0].set_ylim(-top / 8, top)
         legend_above(figure, axes[0], request.title, 1 if few else 2)
+        figure.set_figheight(min(MOST_HEIGHT, height + 0.14 * more / (1 if few else 2)))
     return figure, axes
 
 

@@ -63,6 +63,9 @@ _MOST_LINES = 6  # in one panel; of more lines, each has a small panel
 _SMALLEST_LETTERS, _SMALLEST_LINE = 21, 0.1  # at the foot: letters in an inch, inches of a line
 _LABEL_LINE = 0.19  # inches of the label below small panels
 _MOST_TICKS = 24  # along a heat map
+# Letters of names along a heat map: a page wide, a column wide, small; and names one above another.
+_LETTERS, _COLUMN_LETTERS, _SMALL_LETTERS = 96, 42, 26
+_ROWS, _SMALL_ROWS = 20, 12
 KINDS = ("polar", "line", "heat", "contact", *FIGURES)
 
 
@@ -303,7 +306,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     if not raw and len(curves) > _MOST_LINES:
         return _plot_small_lines(curves, parameter, title)
     groups = [request._replace(models=[name]).curves() for name in names] if raw else [curves]
-    lines = len(tunings) * len(names) + sum(curve.doubts.count("\n") for curve in curves)
+    lines = sum(1 + curve.label.count("\n") for curve in curves)
     many = not raw and len(names) > FEW
     height = 0.3 + len(groups) * 1.9 + lines * (0.09 if many else 0.13)
     with styled_figure(PAGE if many else COLUMN, min(MOST_HEIGHT, height)) as figure:
@@ -462,9 +465,13 @@ def _draw_heat(
     else:
         x, y = np.arange(share.shape[1]), np.arange(share.shape[0])
         image = axes.imshow(share, origin="lower", aspect="auto", cmap=SHADES, norm=norm)
-    every = -(-len(x) // (6 if small else _MOST_TICKS))
-    axes.set_xticks(x[::every], [_number(value) for value in cells.columns[::every]])
-    axes.set_yticks(y, [_number(value) for value in cells.index])
+    names = [_number(value) for value in cells.columns]
+    letters = _SMALL_LETTERS if small else _LETTERS if len(x) > _NARROW else _COLUMN_LETTERS
+    room = letters // (1 + max(map(len, names)))  # names that fit beside each other
+    every = -(-len(x) // max(1, min(room, 6 if small else _MOST_TICKS)))
+    axes.set_xticks(x[::every], names[::every])
+    every = -(-len(y) // (_SMALL_ROWS if small else _ROWS))
+    axes.set_yticks(y[::every], [_number(value) for value in cells.index[::every]])
     if small:
         _name_small(axes, curve, largest)
         return image

@@ -577,6 +577,57 @@ def test_two_tables_of_one_detector_have_two_colours(tmp_path: Path, kind: str, 
     assert axes[0].lines[0].get_color() == detector_named("opplod").colour
 
 
+@pytest.mark.parametrize(
+    ("kind", "key"),
+    [("contact", "disk.growth.l_over_v_ms"), ("contrast", "disk.luminance"), ("line", "disk.a")],
+)
+def test_long_names_leave_room_for_the_curves(tmp_path: Path, kind: str, key: str) -> None:
+    tables = presets(tmp_path, {key: [0.2, 0.4, 0.8, 1.0]})
+    doubts = [{"model": "opplod", "note": "a reason why this curve means little"}] * 6
+    for table in tables:
+        table.sidecar["doubts"] = doubts
+    labels = [f"{'a_name_of_many_words/' * 8}{number}" for number in range(2)]
+    figure, axes = plot_tuning(tables, kind, labels=labels, published=False)
+    figure.draw_without_rendering()
+    top = max(panel.get_window_extent().y1 for panel in axes)
+    legend = figure.legends[0] if figure.legends else axes[0].get_legend()
+    assert legend is not None
+    assert legend.get_window_extent().y0 >= top
+    assert axes[0].get_window_extent().height >= figure.dpi
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_names_along_a_heat_map_do_not_overlap(count: int, tmp_path: Path) -> None:
+    values = [1.123 * step for step in range(1, 31)]
+    pairs = np.array(list(itertools.product(values, values))).T.tolist()
+    swept = dict(zip(("disk.growth.speed_deg_s", "disk.growth.end_deg"), pairs, strict=True))
+    peaks = dict.fromkeys(list(detectors())[:count], [1.0] * 900)
+    figure, axes = plot_tuning(read_tuning(write_tuning(tmp_path / "a.csv", swept, peaks)), "heat")
+    figure.draw_without_rendering()
+    across = [label.get_window_extent() for label in axes[-1].get_xticklabels()]
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(across))
+    up = [label.get_window_extent() for label in axes[0].get_yticklabels()]
+    assert all(low.y1 < high.y0 + 2 for low, high in itertools.pairwise(up))
+    assert min(len(across), len(up)) >= 3
+
+
+def test_the_titles_of_maps_of_positions_do_not_overlap(tmp_path: Path) -> None:
+    places = list(itertools.product([-6.0, 0, 6], repeat=2))
+    swept = {
+        f"disk.centre_deg.{end}": [place[at] for place in places]
+        for at, end in enumerate(("right", "up"))
+    }
+    names = ["opplod", "dlgmd"]
+    path = write_tuning(tmp_path / "a.csv", swept, dict.fromkeys(names, [1.0] * 5 + [0.0] * 4))
+    note = "12 of 12 peaks at the start of the motion: no tuning"
+    with_sidecar(path, {"doubts": [{"model": name, "note": note} for name in names]})
+    figure, axes = plot_tuning(read_tuning(path), "position")
+    figure.draw_without_rendering()
+    shown = {each.get_text(): each.get_window_extent() for each in figure.findobj(Text)}
+    one, other = (shown[panel.get_title("left")] for panel in axes)
+    assert one.x1 < other.x0
+
+
 def test_a_detector_in_one_of_two_tables_keeps_its_colour() -> None:
     assert [look["color"] for look in looks_of(["dlgmd", "opplod"])] == [
         detector_named(name).colour for name in ("dlgmd", "opplod")
