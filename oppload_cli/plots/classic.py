@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     Series = NDArray[np.float64]
 
 _NARROW = 28  # characters in a line above one of two panels side by side
-_NARROWEST = 18  # beside a colour bar
+_NARROWEST = 20  # beside a colour bar
 _HALF = 0.5
 _MOST_RATIO = 1000  # the number means little above it
 
