@@ -44,6 +44,8 @@ _DETECTION_COLUMNS = (
     "frame", "time_s", "id", "x", "y", "width", "height", "centre_x", "centre_y", "response",
     "alarm", "time_to_contact_s", "time_to_contact_error_s",
 )  # fmt: skip
+# The types of columns that are not floats; the rows of a table bring them, an empty table does not.
+_NOT_FLOATS: dict[str, type] = {"frame": int, "id": int, "alarm": bool}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -329,9 +331,12 @@ def _table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.Data
 
 
 def _detections(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """Return detections as a table whose types do not depend on what was found; None is NaN."""
     # If the field of view is known, rows also have columns in degrees.
     columns = dict.fromkeys([*_DETECTION_COLUMNS, *(rows[0] if rows else ())])
-    return pd.DataFrame.from_records(list(rows), columns=list(columns))
+    table = pd.DataFrame.from_records(list(rows), columns=list(columns))
+    kinds: dict[str, type] = {name: float for name in columns if name not in _NOT_FLOATS}
+    return table.astype(kinds if rows else kinds | _NOT_FLOATS)
 
 
 def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -254,6 +254,24 @@ def test_settings_reach_the_detectors() -> None:
     assert result.sidecar["parameters"]["alarm"]["on"] is False
 
 
+def test_detections_have_the_same_types_whatever_was_found(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"rate": 30, "rmo": False, **NATIVE}
+    nothing = oppload.run(np.full((8, 60, 80), 128, np.uint8), **options).detections
+    assert nothing.empty
+    path = oppload.run(np.stack(FRAMES), **options).save(tmp_path, "a")
+    lines = path.with_name("a.detections.jsonl")
+    whole = lines.read_text().splitlines()
+    untimed = [{**json.loads(line), "x": 4, "time_to_contact_s": None} for line in whole]
+    lines.write_text("".join(json.dumps(each) + "\n" for each in untimed))
+    found = oppload.read_result(path).detections
+    assert len(found) == len(untimed) > 0
+    kinds = {"frame": "i", "id": "i", "alarm": "b"}
+    for table in (nothing, found):
+        expected = [kinds.get(name, "f") for name in map(str, table.columns)]
+        assert [kind.kind for kind in table.dtypes] == expected
+    assert list(nothing[nothing["alarm"]]) == list(nothing)  # rows are chosen, not columns
+
+
 def test_damaged_detections_are_named(tmp_path: Path) -> None:
     path = oppload.run(np.stack(FRAMES), rate=30, rmo=False, **NATIVE).save(tmp_path, "a")
     lines = path.with_name("a.detections.jsonl")
