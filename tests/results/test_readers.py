@@ -1,27 +1,25 @@
-"""Tables are read as they are in R (``readr``) and MATLAB (``readtable``), by their rules."""
+"""Tables are read as they are in R (``readr``), MATLAB (``readtable``) and Octave."""
 
 from __future__ import annotations
 
 import csv
+import json
 import re
 import shutil
 import subprocess
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from oppload_cli import stimulus
 from tests.cli.inside import oppload
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 # readr's col_double and readtable's double; scientific notation is read by both.
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]\d+)?")
 # MATLAB's isvarname, and R's make.names without its leading dots: such names are kept as they are.
 NAME = re.compile(r"[A-Za-z]\w{0,62}")
 WORDS = {"for", "if", "end", "function", "break", "next", "while", "case", "NA", "TRUE", "Inf"}
-TEXTS = {"video", "model", "input", "stem", "error"}
+TEXTS = {"video", "model", "input", "stem", "error", "blind"}
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +32,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ):
         protocol = stimulus.load(shown, {"display.width": 120, "display.height": 96})
         stimulus.write(protocol, folder).video.rename(folder / f"{name}.avi")
-    words = ("--height", "96", "--fov", "90", "-j", "1")
+    words = ("--height", "96", "--fov", "90", "--columns", "all", "-j", "1")
     done = oppload("run", str(folder), "-o", str(folder), *words)
     assert done.returncode == 0, done.stderr
     return folder
@@ -79,25 +77,52 @@ def test_a_long_number_and_a_second_header_are_found(tmp_path: Path) -> None:
             check(path)
 
 
+def first_alarm(results: Path) -> float:
+    header, *body = rows(results / "a.frames.csv")
+    on = header.index("opplod_alarm")
+    return min(float(row[1]) for row in body if row[on] == "1")
+
+
 def test_r_reads_them(results: Path) -> None:
     if shutil.which("Rscript") is None:
         pytest.skip("NOT TESTED: R is missing; apt-get install r-base-core")
     code = """
     frames <- read.csv("a.frames.csv")
+    stopifnot(is.character(frames$blind))
+    frames$blind <- NULL
     stopifnot(all(sapply(frames, is.numeric)), is.na(frames$opplod_response[1]))
     alarms <- read.csv("alarms.csv", encoding = "UTF-8")
     stopifnot(is.character(alarms$video), is.numeric(alarms$start_s))
     if (requireNamespace("readr", quietly = TRUE)) {
-        other <- readr::read_csv("a.frames.csv", col_types = readr::cols(.default = "d"))
-        stopifnot(nrow(readr::problems(other)) == 0, all.equal(frames, as.data.frame(other),
-                  check.attributes = FALSE))
+        types <- readr::cols(.default = "d", blind = "c")
+        other <- readr::read_csv("a.frames.csv", col_types = types)
+        stopifnot(nrow(readr::problems(other)) == 0)
+        other$blind <- NULL
+        stopifnot(all.equal(frames, as.data.frame(other), check.attributes = FALSE))
     }
     cat(nrow(frames), min(frames$time_s[frames$opplod_alarm == 1]), names(frames)[4])
     """
     done = subprocess.run(
         ["Rscript", "-e", code], cwd=results, capture_output=True, text=True, check=False
     )
-    header, *body = rows(results / "a.frames.csv")
-    on = header.index("opplod_alarm")
-    first = min(float(row[1]) for row in body if row[on] == "1")
-    assert done.stdout.split() == [str(len(body)), f"{first:.7g}", "opplod_response"], done.stderr
+    count, first = len(rows(results / "a.frames.csv")) - 1, first_alarm(results)
+    assert done.stdout.split() == [str(count), f"{first:.7g}", "opplod_response"], done.stderr
+
+
+def test_octave_reads_them(results: Path) -> None:
+    if shutil.which("octave-cli") is None:
+        pytest.skip("NOT TESTED: Octave is missing; apt-get install octave")
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "matlab.md").read_text(encoding="utf-8")
+    code = page.split("```octave\n")[1].split("```")[0].replace('"video.', '"a.')
+    code += """
+    assert(isequaln(column("opplod_response")(1), NA))
+    printf("%d ", numel(detections), detections{1}.frame, settings.summary.opplod.frames)
+    """
+    done = subprocess.run(
+        ["octave-cli", "--eval", code], cwd=results, capture_output=True, text=True, check=False
+    )
+    lines = (results / "a.detections.jsonl").read_text().splitlines()
+    summary = json.loads((results / "a.oppload.json").read_text())["summary"]["opplod"]
+    numbers = f"{len(lines)} {json.loads(lines[0])['frame']} {summary['frames']}"
+    expected = f"first alarm at {first_alarm(results):.2f} s\n{numbers} "
+    assert done.stdout == expected, done.stderr
