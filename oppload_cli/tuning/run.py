@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
 _SCHEMA = "oppload.tuning/1"
 _FAINT = 0.1  # of the floor of the alarm; a detector with smaller responses hardly responds
-_ONSET_S = 2.5 / 30  # after a pause: two intervals, and half an interval for a late frame
+_ONSET_INTERVALS = 2.5  # of 1/30 s: two intervals, and half an interval for a late frame
+_ONSET_S = _ONSET_INTERVALS / 30
 _NEURON = "arms"  # the judgement of a detector that responds like one LPLC2 neuron
 _ONE_UNIT = "1x1"
 _PRESENTATION = "presentation"  # column of the number of a presentation in a row
@@ -181,30 +182,33 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
 
 
 def _to_onset(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
-    """Yield the detectors that respond to the start of the motion after a pause.
+    """Yield the detectors that respond to the start of the motion.
 
     Any motion that starts excites these detectors, because nothing moved before. So the peak at the
-    start of the motion shows no tuning.
+    start of the motion shows no tuning. Without a pause before the motion, a detector with a long
+    warm-up has no response to this start; the others respond to it all the same.
     """
     if _PRESENTATION in conditions[0].values:
         return
     pauses = [_pause(protocol) for protocol in entry.protocols()]
     keys = dict.fromkeys(key for _, named in pauses for key in named)
-    advice = " and ".join(f"--change {key}=0" for key in keys)
+    advice = f"; {' and '.join(f'--change {key}=0' for key in keys)} leaves the pause before it out"
     for name in conditions[0].measures:
         times = [each.measures[name].peak_time_s for each in conditions]
         early = [
-            start > 0 and time_s is not None and time_s - start < _ONSET_S
+            time_s is not None and time_s - start < _ONSET_S
             for (start, _), time_s in zip(pauses, times, strict=True)
         ]
         if any(early):
             part = f"{sum(early)} of {len(early)} peaks"
+            detector = detector_named(name)
+            helps = keys and detector.warm_up > _ONSET_INTERVALS
             yield Doubt(
                 name,
                 f"{part} at the start of the motion: no tuning",
-                f"{detector_named(name).label}: {part} come within {_ONSET_S:.2g} s after the "
-                "pause before the motion: they are responses to its start, and show no tuning; "
-                f"{advice} leaves the pause out",
+                f"{detector.label}: {part} come within {_ONSET_S:.2g} s after the start of the "
+                f"motion: they are responses to this start, and show no tuning"
+                f"{advice if helps else ''}",
             )
 
 
