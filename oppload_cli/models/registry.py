@@ -180,6 +180,11 @@ def loaded() -> list[dict[str, str]]:
     return [{"name": name, "sha256": checksum} for name, checksum in _loaded.items()]
 
 
+def needs_loading(name: str) -> bool:
+    """Return whether a detector is one of the user's own, not of oppload."""
+    return not _is_of_package(detector_named(name))
+
+
 def _check_class(detector: type[Detector]) -> str:
     """Check a class without the other detectors; return its name and module for messages."""
     value: object = detector  # a user's call may ignore the types

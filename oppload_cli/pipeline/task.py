@@ -17,7 +17,7 @@ from oppload_cli.files.atomic import PartFile, output_errors, part_of
 from oppload_cli.files.reading import is_file, reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import NATIVE
-from oppload_cli.models.registry import placing_detector
+from oppload_cli.models.registry import loaded, needs_loading, placing_detector
 from oppload_cli.results.alarms import verdicts_in
 from oppload_cli.results.table import (
     DETECTIONS,
@@ -225,6 +225,7 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
         yield f"of images at {rate} frames/s; see --image-rate"
     if list(settings.models) != content["models"]:
         yield f"of the models {', '.join(content['models'])}, not {', '.join(settings.models)}"
+    yield from _other_files(settings, content)
     if settings.columns != content["columns"]:
         yield f"with --columns {content['columns']}, not {settings.columns}"
     if settings.height != content["height"]:
@@ -237,6 +238,13 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     if others and settings.preset != content["preset"]:  # clearer than the name of a parameter
         yield f"of preset {content['preset']}, not {settings.preset}"
     yield from others
+
+
+def _other_files(settings: Settings, content: dict[str, Any]) -> Iterator[str]:
+    if any(map(needs_loading, settings.models)):
+        files = content.get("loaded", ())  # results before 1.0 lack it
+        if {each["sha256"] for each in files} != {each["sha256"] for each in loaded()}:
+            yield "of detectors of your own whose files (--load) had another content"
 
 
 def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[str]:

@@ -83,6 +83,22 @@ def test_a_loaded_detector_runs_also_in_other_processes(own: Path, tmp_path: Pat
     assert inside.oppload("plot", result).returncode == 0
 
 
+def test_a_result_of_a_changed_detector_is_not_kept(own: Path, tmp_path: Path) -> None:
+    write_video(tmp_path / "a.avi", grey_frames(9))
+    words = ["run", "a.avi", "--no-rmo", "--height", "native", "--if-exists", "skip", "--model"]
+    registry.load(str(own))
+    assert inside.oppload(*words, "darkening", cwd=tmp_path).returncode == 0
+    assert "skipped" in inside.oppload(*words, "darkening", cwd=tmp_path).stderr
+    assert inside.oppload(*words, "dlgmd", "-o", "other", cwd=tmp_path).returncode == 0
+    own.write_text(DETECTOR.replace("before > luma", "before < luma"))
+    registry.load(str(own))
+    refused = inside.oppload(*words, "darkening", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "is a result of detectors of your own whose files (--load) had" in refused.stderr
+    # Detectors of oppload stay the same.
+    assert "skipped" in inside.oppload(*words, "dlgmd", "-o", "other", cwd=tmp_path).stderr
+
+
 def test_a_detector_without_a_floor_is_told_once(own: Path, tmp_path: Path) -> None:
     own.write_text(DETECTOR.replace('    alarm_floors: ClassVar = {"default": 0.1}\n', ""))
     registry.load(str(own))
