@@ -12,7 +12,7 @@ import numpy as np
 
 from oppload_cli.detection.parameters import AlarmParams
 from oppload_cli.models.presets import REFERENCE_INTERVAL
-from oppload_cli.models.timebase import Background
+from oppload_cli.models.timebase import ROUNDING_S, Background
 
 if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps between frames
 _FIRST_STEP_S = 0.1  # the usual step before any step is known
 _INTERVAL_S = float(Fraction(REFERENCE_INTERVAL))
+_SAME_S = 1e-6  # sums and differences of times are equal if they differ by less
 _GAP = 2.0  # a step longer than 2 usual steps is a gap: frames are missing
 
 
@@ -116,17 +117,18 @@ class Alarm:
             this frame has enough evidence: the next alarm starts in a later frame.
         """
         is_gap = self._steps.gap_s(time_s) > 0
-        ended = self._on and time_s > self._until_s and (is_gap or not self._counted)
+        held = time_s <= self._until_s + ROUNDING_S
+        ended = self._on and not held and (is_gap or not self._counted)
         background = self._background.step(response, time_s)
         self.threshold = max(self._floor, self.params.factor * background)
         share = self.params.release if self._on and not ended else 1.0
         self.evidence = self.params.evidence(response, contact_s)
         above = self.evidence > share * self.threshold and not blind
         enough = self._long_enough(above, time_s)
-        self._counted = enough and not ended and (self._on or time_s >= self._ready_s)
+        self._counted = enough and not ended and (self._on or time_s >= self._ready_s - ROUNDING_S)
         if self._counted:
             self._until_s = time_s + self.params.hold_s
-        was_on, self._on = self._on, time_s <= self._until_s
+        was_on, self._on = self._on, self._counted or held
         if was_on and not self._on:
             self._ready_s = (self._until_s if is_gap else time_s) + self.params.refractory_s
         return self._on
@@ -135,7 +137,7 @@ class Alarm:
         before_s = time_s if self._before_s is None else self._before_s
         oldest = time_s - self.params.window_s
         if self.params.enough_s:  # keep the frame before, also if frames come rarely
-            oldest = min(oldest, before_s)
+            oldest = min(oldest - _SAME_S, before_s)
         while self._above and self._above[0][0] < oldest:
             self._above.popleft()
         if above:
@@ -144,7 +146,8 @@ class Alarm:
         if not self._above:
             return False
         first_s = self._above[0][1]
-        return sum(lasted for _, lasted in self._above) - first_s >= self.params.enough_s
+        lasted_s = sum(lasted for _, lasted in self._above) - first_s
+        return lasted_s >= self.params.enough_s - _SAME_S
 
 
 class Cuts:

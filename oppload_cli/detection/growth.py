@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.dpc import smaller
+from oppload_cli.models.timebase import ROUNDING_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -362,7 +363,8 @@ class Contact:
         of the time (``docs/places.md``). The returned error is that of a single growth: all growths
         of an object have similar errors, so that their mean is hardly better.
         """
-        while self._samples and self._samples[0][0] < time_s - self._params.memory_s:
+        oldest = time_s - self._params.memory_s - ROUNDING_S
+        while self._samples and self._samples[0][0] < oldest:
             self._samples.popleft()
         if len(self._samples) < 2:
             return None

@@ -12,7 +12,7 @@ import numpy as np
 from oppload_cli.detection.growth import Contact, Extent, Products, Pyramid, growth
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.detector import Box
-from oppload_cli.models.timebase import NEARLY_ONE
+from oppload_cli.models.timebase import NEARLY_ONE, ROUNDING_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -231,7 +231,7 @@ class Places:
             self._look(luma, time_s)
         found = _peaks(maps, self._params)
         self._products = Products(maps) if found and maps.pathways else None
-        oldest = time_s - self._params.gap_s
+        oldest = time_s - self._params.gap_s - ROUNDING_S
         if self._before_s is not None:
             oldest = min(oldest, self._before_s)
         self._tracks = [track for track in self._tracks if track.seen_s >= oldest]

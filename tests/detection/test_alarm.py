@@ -200,3 +200,16 @@ def test_parameters_without_floors_have_those_of_the_detectors() -> None:
 def test_an_unknown_detector_is_an_error() -> None:
     with pytest.raises(ParameterError, match="no model 'oplod'; did you mean 'opplod'"):
         Alarm("oplod")
+
+
+@pytest.mark.parametrize("rate", [25, 30, 50, 100, 200])
+def test_the_zero_of_the_clock_changes_no_alarm(rate: int) -> None:
+    """The spans of the presets are whole numbers of frames, and times are rounded."""
+    responses = [2.0 if at in {1, 3} else 0.0 for at in range(5) for _ in range(rate // 2)]
+    for preset in ("default", "reference"):
+        found = set()
+        for zero_s in (0.0, 0.1, 7.77, 1000.0, 1e5):
+            alarm = Alarm("opplod", alarm_params(preset))
+            on = [alarm.step(each, zero_s + t / rate) for t, each in enumerate(responses)]
+            found.add(tuple(on))
+        assert len(found) == 1, preset

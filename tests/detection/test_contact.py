@@ -89,6 +89,23 @@ def test_what_is_known_lasts_while_nothing_new_is_seen() -> None:
     assert contact.remaining(14 / RATE) is None  # fewer than four are 0.3 s old at most
 
 
+@pytest.mark.parametrize("rate", [25, 30, 30 / 1.001, 50, 60])
+def test_the_zero_of_the_clock_changes_no_time_to_contact(rate: float) -> None:
+    """`memory_s`, 0.4 s, is a whole number of frames, and times are rounded."""
+    rng = np.random.default_rng(5)
+    growths = [Growth(-rng.uniform(1, 1.1) / (40 - t), SURE) for t in range(1, 31)]
+    zeros_s = (0.0, 0.1, 7.77, 1000.0, 1e5)
+    estimates = []
+    for zero_s in zeros_s:
+        contact = Contact(PlaceParams())
+        for t, each in enumerate(growths, 1):
+            contact.add(zero_s + t / rate, 1 / rate, each)
+            estimates.append(contact.remaining(zero_s + t / rate))
+    for t in range(30):
+        first, *others = estimates[t::30]
+        assert others == [first and pytest.approx(first, rel=1e-6)] * (len(zeros_s) - 1)
+
+
 def test_the_growth_to_come_is_expected() -> None:
     contact = Contact(PlaceParams())
     assert contact.expected(1, 0.9) == 0
