@@ -13,6 +13,7 @@ import click
 import numpy as np
 import pytest
 
+import oppload_cli
 from oppload_cli.cli import oppload
 from oppload_cli.errors import FrameError
 
@@ -43,6 +44,11 @@ def test_every_page_has_its_place_in_the_site() -> None:
             listed |= {(page.parent / f"{name}.md").resolve() for name in names}
     pages = {page for page in _pages() if DOCS in page.parents and ".in." not in page.name}
     assert {page.relative_to(DOCS).as_posix() for page in pages - listed} == set()
+
+
+def test_the_page_of_the_python_api_lists_every_public_name() -> None:
+    listed = set(re.findall(r"^   (\w+)$", (DOCS / "reference/api.md").read_text(), re.MULTILINE))
+    assert set(oppload_cli.__all__) - listed == {"__version__", "stimulus"}
 
 
 def test_pages_are_short_but_for_the_reference() -> None:
