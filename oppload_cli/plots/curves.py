@@ -35,6 +35,7 @@ from oppload_cli.plots.style import (
     as_list,
     check_xlim,
     colour_bar,
+    names_in,
     norm_of,
     panel_grid,
     styled_figure,
@@ -146,7 +147,7 @@ def plot_curves(
                 f"({len(results)})"
             )
     options = CurveOptions(
-        tuple(models), scale, align, xlim, title, tuple(labels), dict(marks or {}), threshold,
+        names_in(models), scale, align, xlim, title, tuple(labels), dict(marks or {}), threshold,
         any_length,
     )  # fmt: skip
     panels = panels_of(results, options)

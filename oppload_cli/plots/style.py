@@ -154,6 +154,11 @@ def as_list(results: T | Sequence[T]) -> list[T]:
     return listed
 
 
+def names_in(models: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of detectors; a text is one name, not a sequence of letters."""
+    return (models,) if isinstance(models, str) else tuple(models)
+
+
 def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
     """Return the line properties of each curve of a figure, from the detector of each curve.
 

@@ -33,6 +33,7 @@ from oppload_cli.plots.style import (
     first_stimulus,
     indicator_of,
     labels_of,
+    names_in,
     norm_of,
     panel_grid,
     styled_figure,
@@ -126,7 +127,7 @@ def plot_tuning(
     >>> panel.get_xlabel()
     'speed (deg/s)'
     """
-    tunings = as_list(tunings)
+    tunings, models = as_list(tunings), names_in(models)
     names = labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(

@@ -520,3 +520,9 @@ def test_the_notes_of_small_multiples_are_inside_the_figure(tmp_path: Path) -> N
     }
     assert len(legend.get_texts()) == 4
     assert legend.get_window_extent().x1 <= figure.bbox.x1
+
+
+def test_a_text_is_the_name_of_one_detector(tmp_path: Path) -> None:
+    result = read_result(write_rows(tmp_path / "one.frames.csv", frame_rows()))
+    (named,), (listed,) = (plot_curves(result, models=each)[1] for each in ("opplod", ["opplod"]))
+    assert labels(named) == labels(listed)
