@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from oppload_cli.pipeline.sources import Source
+    from oppload_cli.pipeline.sources import Source, Times
     from oppload_cli.results.table import FrameRecord
 
 
@@ -230,7 +230,7 @@ def run(
     *,
     models: Sequence[str] = (),
     rate: float | Fraction | None = None,
-    times: Sequence[float] | None = None,
+    times: Times | None = None,
     height: int | str | None = None,
     fov: float | None = None,
     rmo: bool = True,

@@ -8,6 +8,7 @@ import sys
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,7 +20,7 @@ from tests.cli.inside import run
 from tests.media import grey_frames, looming, texture, write_video
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 FRAMES = [(frame * 255).round().astype(np.uint8) for frame in looming(120, 60, 60, 14)]
@@ -85,6 +86,24 @@ def test_every_kind_of_source_gives_the_same(kind: str, tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(made.frames, expected.frames, rtol=1e-5, atol=1e-7)
     if kind == "open":
         source.close()
+
+
+def test_a_source_of_ones_own_needs_facts_a_size_and_frames() -> None:
+    frames = looming(40, 30, 12, 12)
+    expected = oppload.run(np.stack(frames), rate=30, height="native")
+    facts = expected.sidecar["input"]
+    with oppload.open_source(np.stack(frames), rate=30, height="native") as source:
+        seen = list(source)
+
+    class Own:
+        facts, working = source.facts, source.working
+
+        def __iter__(self) -> Iterator[oppload.Frame]:
+            return iter(seen)
+
+    result = oppload.run(Own())
+    assert result.frames.equals(expected.frames)
+    assert result.sidecar["input"] == facts
 
 
 def test_a_video_keeps_its_own_rate(tmp_path: Path) -> None:
@@ -243,6 +262,19 @@ def test_a_result_without_a_response_gives_no_figure(count: int, sentence: str) 
     for plot in (oppload.plot_curves, oppload.plot_places):
         with pytest.raises(ResultError, match=sentence):
             plot(result)
+
+
+def test_a_run_leaves_the_number_of_opencv_threads() -> None:
+    threads = cv2.getNumThreads()
+    try:
+        cv2.setNumThreads(3)
+        oppload.run(np.zeros((4, 9, 9), np.uint8), rate=30)
+        assert cv2.getNumThreads() == 3
+        with pytest.raises(SourceError):
+            oppload.run(np.full((4, 9, 9), 2.0), rate=30)
+        assert cv2.getNumThreads() == 3
+    finally:
+        cv2.setNumThreads(threads)
 
 
 def test_settings_reach_the_detectors() -> None:

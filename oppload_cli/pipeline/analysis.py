@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.detection.places import Detection
     from oppload_cli.models.detector import Response
-    from oppload_cli.pipeline.sources import Source
+    from oppload_cli.pipeline.sources import Source, Times
 
 
 _FEW_FRAMES = 10  # after this number of frames a wrong unit of the times gives a warning
@@ -245,7 +245,7 @@ def analyse(
     *,
     preset: str | None = None,
     rate: float | Fraction | None = None,
-    times: Sequence[float] | None = None,
+    times: Times | None = None,
     height: int | str | None = None,
     alarm: AlarmParams | None = None,
     places: PlaceParams | bool | None = True,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os.path
 import sys
+import threading
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from typing import IO, TYPE_CHECKING, Any
 
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
 
 
 _CONTRADICTION = 0.01  # a larger relative difference of --fov from the ground truth gives a remark
+_threads_lock = threading.Lock()
+_before: list[int] = []  # for each run at this time, OpenCV's number of threads before all of them
 
 
 def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None = None) -> Outcome:
@@ -74,8 +77,7 @@ def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None
         threads=task.threads,
         colour=task.outputs is not None and task.outputs.annotated is not None,
     )
-    with opening.result() as video:
-        _set_threads(video.working, task.threads)
+    with opening.result() as video, _threads(video.working, task.threads):
         if watcher:
             watcher.opened(video)
         run = _Run(task, video, watcher)
@@ -104,15 +106,30 @@ def collected(
     the source, if it has one, for the sidecar.
     """
     started = time.perf_counter()
-    _set_threads(source.working, 0)
     run = _Run(Task(source.facts.name, settings), source, None, stimulus)
-    run.analyse(source, keep)
+    with _threads(source.working, 0):
+        run.analyse(source, keep)
     return run.columns, run.sidecar(time.perf_counter() - started)
 
 
-def _set_threads(working: WorkingSize, threads: int) -> None:
-    # On small frames OpenCV's threads would wait longer for each other than they work.
-    cv2.setNumThreads((threads or cores()) if is_large(working.shape) else 1)
+@contextmanager
+def _threads(working: WorkingSize, threads: int) -> Iterator[None]:
+    """Set OpenCV's number of threads for the time of a run.
+
+    The number is that of the whole process. So the last of several runs at the same time sets it
+    back for the caller's own program.
+    """
+    with _threads_lock:
+        _before.append(_before[-1] if _before else cv2.getNumThreads())
+        # On small frames OpenCV's threads would wait longer for each other than they work.
+        cv2.setNumThreads((threads or cores()) if is_large(working.shape) else 1)
+    try:
+        yield
+    finally:
+        with _threads_lock:
+            before = _before.pop()
+            if not _before:
+                cv2.setNumThreads(before)
 
 
 def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from numbers import Real
 from pathlib import Path
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
     Frames = NDArray[Any]
     Source = str | Path | FrameSource | Protocol | Frames | Sequence[Frames]
+    Times = Sequence[float] | NDArray[np.floating[Any] | np.integer[Any]]
 
 
 _HIGHEST_RATE = 100_000  # frames/s
@@ -131,7 +133,7 @@ class _ArrayVideo(_Drawn):
         self,
         frames: Frames | Sequence[Frames],
         rate: float | Fraction | None,
-        times: Sequence[float] | None,
+        times: Times | None,
         height: int | None,
     ) -> None:
         try:
@@ -160,6 +162,20 @@ class _ArrayVideo(_Drawn):
             yield time_s - self._times_s[0], values
 
 
+class _Counted:
+    """A user's own source of frames, with the report on its frames that it need not have."""
+
+    def __init__(self, source: FrameSource) -> None:
+        self.facts, self.working, self.decode = source.facts, source.working, DecodeFacts()
+        self.times = FrameTimes(source.facts.frame_rate)
+        self._source = source
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame in self._source:
+            self.decode.decoded += 1
+            yield replace(frame, time_s=self.times.step(frame.time_s))
+
+
 def checked_rate(rate: float | Fraction | None) -> Fraction | None:
     """Return frames per second as a fraction; None if they are not known.
 
@@ -176,7 +192,7 @@ def checked_rate(rate: float | Fraction | None) -> Fraction | None:
     return exact.limit_denominator(1 << 16) or exact  # a rate below 1 / 2^17 would become 0
 
 
-def _checked_times(times: Sequence[float], count: int) -> list[float]:
+def _checked_times(times: Times, count: int) -> list[float]:
     try:
         values = np.asarray(times, np.float64)
     except (TypeError, ValueError):
@@ -220,7 +236,7 @@ def open_source(
     source: Source,
     *,
     rate: float | Fraction | None = None,
-    times: Sequence[float] | None = None,
+    times: Times | None = None,
     height: int | str | None = None,
     preset: str = DEFAULT_PRESET,
 ) -> Iterator[DecodedSource]:
@@ -287,7 +303,7 @@ def open_source(
                 raise ParameterError(f"{source}: {own}")
             yield video
     elif hasattr(source, "facts") and hasattr(source, "working"):
-        yield source  # type: ignore[misc]
+        yield source if hasattr(source, "decode") else _Counted(source)  # type: ignore[arg-type, misc]
     elif is_array:
         yield _ArrayVideo(source, rate, times, size)  # type: ignore[arg-type]
     elif isinstance(source, stimulus.Protocol):  # checked last, as it imports the stimuli
