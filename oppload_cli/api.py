@@ -13,7 +13,7 @@ import pandas as pd
 
 from oppload_cli.errors import OutputError, ParameterError, counted
 from oppload_cli.files.atomic import write_atomic
-from oppload_cli.files.reading import is_there
+from oppload_cli.files.reading import is_file, is_there
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.pipeline.execute import collected
@@ -24,7 +24,7 @@ from oppload_cli.plots.curves import plot_curves
 from oppload_cli.report.writing import write_report
 from oppload_cli.results import reading as tables
 from oppload_cli.results.table import TABLE, detection_line, detection_values, write_sidecar
-from oppload_cli.results.truths import facts_of_truth
+from oppload_cli.results.truths import facts_of_truth, usable_truth
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
 from oppload_cli.video.inputs import GROUND_TRUTH, result_stem
@@ -193,9 +193,7 @@ class Result(tables.BaseResult):
         outputs = Outputs.of(folder, stem, self.models)
         truth_path = folder / f"{stem}{GROUND_TRUTH}"
         sidecar = dict(self.sidecar)
-        truth = sidecar.get("stimulus")
-        if not isinstance(truth, dict) or "frames" not in truth:
-            truth = None
+        truth = _own_truth(self)
         paths = [*([truth_path] if truth else []), *outputs.paths()]
         existing_path = next(filter(os.path.lexists, paths), None)
         if existing_path is not None and existing is IfExists.ERROR:
@@ -321,6 +319,16 @@ def read_result(path: str | Path) -> Result:
     read = tables.read_result(Path(path))
     found = tables.read_detections(read.path) or []
     return Result(read.path, read.frames, read.sidecar, _detections(found), saved=True)
+
+
+def _own_truth(result: Result) -> dict[str, Any] | None:
+    """Return the ground truth that is a part of the result, or a file beside it."""
+    stated = result.sidecar.get("stimulus")
+    if not isinstance(stated, dict):
+        return None
+    beside = result.path.with_name(f"{result.stem}{GROUND_TRUTH}")
+    own = "frames" in stated or (result.saved and is_file(beside))
+    return usable_truth(result) if own else None
 
 
 def _table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:

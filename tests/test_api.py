@@ -133,6 +133,15 @@ def test_a_stimulus_may_be_named_and_keeps_its_truth(tmp_path: Path) -> None:
         oppload.run("klapoetke2017/loom-l-over-v")  # eight of them
 
 
+def test_the_truth_goes_with_a_result_that_is_saved_again(tmp_path: Path) -> None:
+    first = oppload.run("controls/size-steps", rmo=False).save(tmp_path / "first")
+    second = oppload.read_result(first).save(tmp_path / "second")
+    shown = [path.with_name("controls_size-steps.stimulus.json") for path in (first, second)]
+    assert shown[1].read_bytes() == shown[0].read_bytes()
+    stated = oppload.read_result(second).sidecar["stimulus"]["path"]
+    assert stated == str(shown[1])
+
+
 def test_a_result_that_cannot_be_saved_completely_has_no_table(tmp_path: Path) -> None:
     protocol = oppload.stimulus.load("klapoetke2017/loom-l-over-v/l-over-v-10")
     result = oppload.run(protocol, models=["dlgmd"], rmo=False, preset="reference", height=24)
