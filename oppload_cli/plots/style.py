@@ -52,6 +52,7 @@ LPLC2 = "#000000"
 COLUMN = 8.5 / 2.54  # inches: the width of a journal's column
 PAGE = 17.8 / 2.54  # inches: two columns
 MOST_HEIGHT = 23 / 2.54  # inches: the height of a page
+_SCREEN_DPI = 150  # in a notebook the small print is then as large as the notebook's text
 TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
 _HEADROOM = 1.06  # upper end of an axis over its highest point, for half of a marker
 DECADES = 4  # that a logarithmic heat map shows at most
@@ -107,11 +108,18 @@ class _Layout(ConstrainedLayoutEngine):
             axes.set_in_layout(True)  # set_position takes the panel out of the layout
 
 
+class NotebookFigure(Figure):
+    """A figure that notebooks show, although pyplot, which changes settings, does not know it."""
+
+    def _repr_png_(self) -> bytes:
+        return image_bytes(self, "png", _SCREEN_DPI)
+
+
 @contextmanager
 def styled_figure(width: float, height: float) -> Iterator[Figure]:
     """Make an empty figure of a size in inches, and use the style for the code of the context."""
     with _style():
-        yield Figure(figsize=(width, height), layout=_Layout())
+        yield NotebookFigure(figsize=(width, height), layout=_Layout())
 
 
 def panel_grid(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:

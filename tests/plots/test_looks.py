@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from PIL import Image
 
 from oppload_cli.models.registry import detectors
 from oppload_cli.plots.panels import CurveOptions, panels_of
-from oppload_cli.plots.style import looks_of
+from oppload_cli.plots.style import looks_of, styled_figure
 from oppload_cli.results.reading import read_result
 from tests.results.make import write_result
 
@@ -96,3 +98,12 @@ def test_curves_over_time_have_the_looks_of_their_detectors(tmp_path: Path) -> N
     for shown in (["dlgmd", "opplod"], ["dlgmd"]):
         (curves,) = panels_of([result], CurveOptions(tuple(shown)))
         assert [curve.dash for curve in curves] == [e["linestyle"] for e in looks_of(shown)]
+
+
+def test_a_notebook_shows_a_figure() -> None:
+    """IPython asks for this picture; matplotlib's own figures have none without pyplot."""
+    with styled_figure(1, 0.5) as figure:
+        pass
+    shown: Any = figure
+    with Image.open(io.BytesIO(shown._repr_png_())) as image:
+        assert image.size == (150, 75)
