@@ -319,10 +319,12 @@ def log_axis(axes: Axes, top: float) -> None:
     last = int(np.floor(np.log10(top)))
     step = 1 if last <= 2 else 2
     axes.yaxis.set_major_locator(FixedLocator([10.0**power for power in range(-2, last + 1, step)]))
-    axes.yaxis.set_major_formatter(
-        FuncFormatter(lambda tick, _: f"≤{tick:g}" if tick <= FLOOR else f"{tick:,g}")
-    )
+    axes.yaxis.set_major_formatter(FuncFormatter(_plain_number))
     axes.minorticks_off()
+
+
+def _plain_number(tick: float, _: object) -> str:  # no lambda, so that figures can be pickled
+    return f"≤{tick:g}" if tick <= FLOOR else f"{tick:,g}"
 
 
 def _contact_of(truth: Truth | None) -> float | None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 from typing import TYPE_CHECKING
 
 import matplotlib.colors
@@ -526,3 +527,11 @@ def test_a_text_is_the_name_of_one_detector(tmp_path: Path) -> None:
     result = read_result(write_rows(tmp_path / "one.frames.csv", frame_rows()))
     (named,), (listed,) = (plot_curves(result, models=each)[1] for each in ("opplod", ["opplod"]))
     assert labels(named) == labels(listed)
+
+
+def test_a_figure_can_be_pickled(tmp_path: Path) -> None:
+    """Another process may draw it and hand it over."""
+    result = read_result(write_rows(tmp_path / "one.frames.csv", frame_rows()))
+    figure, (panel,) = plot_curves(result)
+    assert pickle.dumps(figure)
+    assert panel.yaxis.get_major_formatter()(0.01, None) == "≤0.01"
