@@ -117,6 +117,9 @@ class Result(tables.BaseResult):
     def report(self, folder: str | Path = ".", *, video: str | Path | None = None) -> Path:
         """Write the page of ``oppload report``: video, boxes, curves and alarms in sync.
 
+        A result that was read from files gives the page of these files. If you changed its tables,
+        save it first, and read it again.
+
         Parameters
         ----------
         folder : str or Path
