@@ -23,10 +23,11 @@ import numpy as np
 
 from benchmarks import decoding, references
 from oppload_cli.environment import environment
+from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams, group, threshold
 from oppload_cli.models.layers import Dpc
 from oppload_cli.models.opposing_motion import PooledJudgement
-from oppload_cli.models.registry import DetectorBank, default_names, parameters_of
+from oppload_cli.models.registry import default_names, parameters_of
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.video.source import open_video
 from oppload_cli.video.writers import ON_ANY_PROCESSOR

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from oppload_cli.detection.parameters import AlarmParams, PlaceParams, alarm_params
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
+    from oppload_cli.models.bank import DetectorBank
     from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
     from oppload_cli.models.flow_divergence import FlowDivergence, FlowDivergenceParams
@@ -31,13 +32,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.opplod import Opplod
     from oppload_cli.models.opplod_parameters import OpplodParams, OpplodResponse
     from oppload_cli.models.presets import PRESETS
-    from oppload_cli.models.registry import (
-        DetectorBank,
-        detectors,
-        forget,
-        parameters_of,
-        register,
-    )
+    from oppload_cli.models.registry import detectors, forget, parameters_of, register
     from oppload_cli.motion.rmo import RmoMetrics, RmoParams
     from oppload_cli.pipeline.analysis import Analysis, analyse
     from oppload_cli.pipeline.sources import open_source
@@ -70,6 +65,7 @@ _MODULES = {
     "detection.parameters": ("AlarmParams", "PlaceParams", "alarm_params"),
     "detection.places": ("Detection",),
     "errors": ("OpploadError",),
+    "models.bank": ("DetectorBank",),
     "models.detector": ("Box", "Column", "Detector", "Response", "UnitMaps"),
     "models.dlgmd": ("Dlgmd", "DlgmdParams", "DlgmdResponse"),
     "models.layers": ("Layers",),
@@ -78,7 +74,7 @@ _MODULES = {
     "models.opplod": ("Opplod",),
     "models.opplod_parameters": ("OpplodParams", "OpplodResponse"),
     "models.presets": ("PRESETS",),
-    "models.registry": ("DetectorBank", "detectors", "forget", "parameters_of", "register"),
+    "models.registry": ("detectors", "forget", "parameters_of", "register"),
     "motion.rmo": ("RmoMetrics", "RmoParams"),
     "pipeline.analysis": ("Analysis", "analyse"),
     "pipeline.sources": ("open_source",),

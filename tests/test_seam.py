@@ -18,7 +18,7 @@ from oppload_cli.annotation.frame import Layout
 from oppload_cli.cli import main
 from oppload_cli.errors import DetectorError, ParameterError
 from oppload_cli.models import registry
-from oppload_cli.models.registry import DetectorBank
+from oppload_cli.models.bank import DetectorBank
 from oppload_cli.palette import bgr
 from oppload_cli.schema import Parameters, parameter
 from tests.annotation.records import facts

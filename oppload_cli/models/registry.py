@@ -1,45 +1,34 @@
-"""The list of all detectors, and a bank that runs several detectors over one video.
+"""The list of all detectors.
 
 A new detector needs one file in this folder and one line in the table of this module.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import sys
-import traceback
-from contextlib import contextmanager
-from dataclasses import make_dataclass, replace
+from dataclasses import make_dataclass
 from hashlib import sha256
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
-import numpy as np
-
-from oppload_cli.errors import DetectorError, OpploadError, ParameterError, suggestion
+from oppload_cli.errors import OpploadError, ParameterError, suggestion
 from oppload_cli.models import LOAD
 from oppload_cli.models.columns import COMMON, RMO, columns_of
-from oppload_cli.models.detector import Box, Column, Detector
+from oppload_cli.models.detector import Column, Detector
 from oppload_cli.models.dlgmd import Dlgmd
-from oppload_cli.models.layers import Layers
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_named
-from oppload_cli.models.timebase import Clock
 from oppload_cli.schema import Parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Sequence
     from importlib.abc import Loader
     from importlib.machinery import ModuleSpec
-
-    from oppload_cli.models.detector import Response
-    from oppload_cli.models.dpc import Map
-    from oppload_cli.models.timebase import TimeParams
 
 
 # No detector may have these names: they mean something else in settings and tables.
@@ -168,7 +157,7 @@ def load_only(files: Sequence[dict[str, str]]) -> None:
     if loaded() == list(files):
         return
     for name, detector in detectors().items():
-        if not _is_of_package(detector):
+        if not is_of_package(detector):
             forget(name)
     _loaded.clear()
     for file in files:
@@ -182,7 +171,7 @@ def loaded() -> list[dict[str, str]]:
 
 def needs_loading(name: str) -> bool:
     """Return whether a detector is one of the user's own, not of oppload."""
-    return not _is_of_package(detector_named(name))
+    return not is_of_package(detector_named(name))
 
 
 def _check_class(detector: type[Detector]) -> str:
@@ -216,7 +205,7 @@ def _check_class(detector: type[Detector]) -> str:
 def _is_again(known: type[Detector], detector: type[Detector]) -> bool:
     """Return whether a class is the known one, or a new definition of it by the user."""
     names = {(each.__module__, each.__qualname__) for each in (known, detector)}
-    return known is detector or (len(names) == 1 and not _is_of_package(known))
+    return known is detector or (len(names) == 1 and not is_of_package(known))
 
 
 def _no_parameters(detector: type[Detector]) -> type[Parameters]:
@@ -345,201 +334,8 @@ def _columns_of(detector: type[Detector]) -> tuple[str, ...]:
     return tuple(each.name for each in columns_of(detector, details=True, degrees=True))
 
 
-class DetectorBank:
-    """Several detectors that get the same frames and share their layers.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    params : sequence of Parameters
-        One set for each detector; the responses have the same order.
-    frame_rate : float, optional
-        Frames per second of the video, if known.
-    time : TimeParams, optional
-        The time base; intervals of 1/30 s if left out.
-
-    Attributes
-    ----------
-    detectors : dict of str to Detector
-        The detectors by name.
-    responded : set of str
-        Names of the detectors that have responded: from now on their response is never None.
-
-    Raises
-    ------
-    ParameterError
-        If no detector is given, or one is given twice.
-
-    Examples
-    --------
-    >>> import numpy as np, oppload_cli as oppload
-    >>> bank = oppload.DetectorBank((48, 64), [oppload.DlgmdParams()], frame_rate=30)
-    >>> for luma in np.zeros((5, 48, 64), np.float32):
-    ...     responses = bank.step(luma)
-    >>> responses
-    {'dlgmd': DlgmdResponse(response=0.0, box=None, s=0.0)}
-    """
-
-    def __init__(
-        self,
-        shape: tuple[int, int],
-        params: Sequence[Parameters],
-        frame_rate: float | None = None,
-        time: TimeParams | None = None,
-    ) -> None:
-        if not params:
-            raise ParameterError("no model is chosen; name at least one")
-        self._layers = layers = Layers(shape, Clock(time, frame_rate))
-        self._photoreceptors = layers.photoreceptors()
-        self.responded: set[str] = set()
-        self.detectors: dict[str, Detector] = {}
-        for each in params:
-            kind = detector_of(each)
-            if kind.name in self.detectors:
-                raise ParameterError(f"model '{kind.name}' is given twice; name each once")
-            with _named(kind, "cannot be made"):
-                self.detectors[kind.name] = kind(shape, each, frame_rate=frame_rate, layers=layers)
-
-    @property
-    def luma_change(self) -> float | None:
-        """Mean of P(t) over the frame, 0 to 1; None if no frames were compared."""
-        return self._photoreceptors.layer.luma_change
-
-    @property
-    def photoreceptors(self) -> Map:
-        """P(t), shape (height, width), 0 to 1; zeros on the first frame."""
-        return self._photoreceptors.layer.maps[0]
-
-    def reset(self) -> None:
-        """Forget all frames: the next frame is frame 0."""
-        self.responded.clear()
-        self._photoreceptors.reset()
-        for detector in self.detectors.values():
-            detector.reset()
-
-    def step(self, luma: Map, time_s: float | None = None) -> dict[str, Response | None]:
-        """Take the next frame; return every detector's response by name.
-
-        A detector's response is None only during its warm-up. If its `step` returns None later, its
-        response to a frame without change (`at_rest`) is returned instead.
-
-        Parameters
-        ----------
-        luma : ndarray of float32, shape (height, width)
-            Luminance, 0 to 1.
-        time_s : float, optional
-            Presentation time of the frame in seconds; detectors read it from their layers.
-
-        Raises
-        ------
-        FrameError
-            If the array is not a luminance image of the right shape.
-        DetectorError
-            If a detector returns something other than None or a valid instance of its `responses`,
-            or if a detector that a user has registered raises an error.
-        """
-        self.see(luma, time_s)
-        return self.respond(luma, time_s)
-
-    def see(self, luma: Map, time_s: float | None = None) -> None:
-        """Take the next frame for `photoreceptors` and `luma_change`; `respond` must follow."""
-        self._layers.clock.time_s = time_s
-        self._photoreceptors.step(luma)
-
-    def respond(
-        self, luma: Map, time_s: float | None, *, between: bool = False
-    ) -> dict[str, Response | None]:
-        """Return the responses to the frame that was seen, or to a picture before it (`between`).
-
-        Only detectors that are `interpolated` respond to pictures between frames. Arguments and
-        errors are those of `step`.
-        """
-        self._layers.clock.time_s = time_s
-        # A detector must not write into the frame, since the others get the same frame.
-        luma = luma.view()
-        luma.flags.writeable = False
-        responses = {
-            name: _response_of(each, luma)
-            for name, each in self.detectors.items()
-            if each.interpolated or not between
-        }
-        self.responded |= {name for name, each in responses.items() if each is not None}
-        return {n: self._at_rest(n) if each is None else each for n, each in responses.items()}
-
-    def at_rest(self, intervals: float) -> dict[str, Response | None]:
-        """Return every detector's response to a frame in which nothing changed.
-
-        The response is None unless the detector has responded before. If nothing has changed since
-        the start of the video, `step` has taken only one frame. Then a detector responds as soon as
-        `intervals`, the number of intervals since the start, has reached its warm-up.
-        """
-        if self._photoreceptors.layer.frames == 1:
-            self.responded |= {n for n, each in self.detectors.items() if intervals >= each.warm_up}
-        return {name: self._at_rest(name) for name in self.detectors}
-
-    def _at_rest(self, name: str) -> Response | None:
-        return self.detectors[name].at_rest() if name in self.responded else None
-
-
-def _response_of(detector: Detector, luma: Map) -> Response | None:
-    with _named(type(detector), "its step failed"):
-        response = detector.step(luma)
-    if response is None:
-        return None
-    if fault := _fault(detector, response):
-        raise DetectorError(f"detector '{detector.name}': its step returned {fault}")
-    return _plain(response)
-
-
-@contextmanager
-def _named(detector: type[Detector], fault: str) -> Iterator[None]:
-    """Turn an error in the code of a user's detector into a DetectorError that names it."""
-    try:
-        yield
-    except Exception as error:
-        if isinstance(error, OpploadError | MemoryError) or _is_of_package(detector):
-            raise
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        raise DetectorError(
-            f"detector '{detector.name}': {fault} ({type(error).__name__}: {error}; "
-            f"{last.filename}, line {last.lineno}); correct the detector"
-        ) from error
-
-
-def _fault(detector: Detector, returned: object) -> str:
-    """Return a text that says why a response is not valid; empty for a valid one."""
-    if not isinstance(returned, detector.responses):
-        return f"{type(returned).__name__}, not a {detector.responses.__name__} or None"
-    response: object = returned.response  # a user's detector may ignore the types
-    box: object = returned.box
-    numbers = int | float | np.integer | np.floating
-    if not isinstance(response, numbers) or not 0 <= response < math.inf:
-        return f"a response of {response!r:.60}, not a finite number of at least 0"
-    if box is not None and not (isinstance(box, Box) and all(map(math.isfinite, box))):
-        return f"a box of {box!r:.60}, not a Box of finite numbers or None"
-    return ""
-
-
-def _plain(response: Response) -> Response:
-    """Return a response with Python's numbers, as no table or JSON file takes all of NumPy's.
-
-    The mean of an image of float32, for example, is a float32.
-    """
-    changed: dict[str, Any] = {
-        name: value.item() for name, value in vars(response).items() if _is_numpy_only(value)
-    }
-    if response.box is not None and any(map(_is_numpy_only, response.box)):
-        changed["box"] = Box(*map(float, response.box))
-    return replace(response, **changed) if changed else response
-
-
-def _is_numpy_only(value: object) -> bool:
-    """Return whether a value is a number of NumPy that is no float of Python."""
-    return isinstance(value, np.generic) and not isinstance(value, float)
-
-
-def _is_of_package(detector: type[Detector]) -> bool:
+def is_of_package(detector: type[Detector]) -> bool:
+    """Return whether a detector is one of oppload, and not one of the user."""
     return detector.__module__.startswith("oppload_cli.")
 
 

@@ -12,12 +12,13 @@ import pytest
 from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import DetectorError, FrameError, ParameterError
 from oppload_cli.models import registry
+from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box, Column, Detector, Response
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodResponse
-from oppload_cli.models.registry import DetectorBank, detectors
+from oppload_cli.models.registry import detectors
 from oppload_cli.schema import Parameters
 from tests.arithmetic import many_bands
 from tests.media import disk, looming

@@ -10,8 +10,9 @@ import pytest
 
 from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.models import published
+from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.published import zhou_lrf
-from oppload_cli.models.registry import DetectorBank, detector_named
+from oppload_cli.models.registry import detector_named
 from tests.models import lplc2_reference as literal
 
 if TYPE_CHECKING:

@@ -10,11 +10,12 @@ import pytest
 
 from oppload_cli.errors import FrameError
 from oppload_cli.models import layers as module
+from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.layers import Layers
-from oppload_cli.models.registry import DetectorBank, detector_of
+from oppload_cli.models.registry import detector_of
 from tests.media import looming
 from tests.presets import DEFAULT, REFERENCE
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import DpcParams, excitation, referred
 from oppload_cli.models.layers import Dpc, Layers, Photoreceptors
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import has_history
-from oppload_cli.models.registry import DetectorBank
 from oppload_cli.models.timebase import Clock, TimeParams, time_params
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo

@@ -20,7 +20,7 @@ from oppload_cli import (
     open_video,
 )
 from oppload_cli.errors import FrameError, ParameterError, SourceError
-from oppload_cli.models.registry import DetectorBank
+from oppload_cli.models.bank import DetectorBank
 from oppload_cli.pipeline.sources import ArrayLuminance
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import WorkingSize
