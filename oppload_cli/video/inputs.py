@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import json
 import math
 import os
 import re
@@ -223,8 +224,6 @@ def truth_beside(name: str | Path) -> Path:
 
 def rate_beside(name: str) -> Fraction | None:
     """Return the frames per second that the ground truth of images states; None if none does."""
-    import json  # not needed for a video, whose decoder is to begin early
-
     try:
         rate = Fraction(json.loads(text_of(truth_beside(name)))["display"]["frame_rate"])
     except (OSError, ValueError, TypeError, KeyError, ZeroDivisionError, RecursionError):
