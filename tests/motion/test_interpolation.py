@@ -53,6 +53,7 @@ def test_frames_that_are_too_small_for_the_flow_get_no_pictures() -> None:
         assert list(interpolation.step(np.zeros((15, 60), np.float32), 2)) == []
 
 
+@pytest.mark.once
 def test_only_the_preset_for_cameras_sees_pictures_in_between() -> None:
     """At 15 frames/s the default responds nearly as at 30; the others do as without pictures."""
     radii = 3 + 60 * (np.arange(31) / 30) ** 2
@@ -75,6 +76,7 @@ def test_only_the_preset_for_cameras_sees_pictures_in_between() -> None:
     assert peaks[False, 2] / peaks[False, 1] < 0.8
 
 
+@pytest.mark.once
 def test_a_cut_at_a_low_rate_causes_no_alarm() -> None:
     """The pictures between two scenes are blends; they are blind like the frame after them."""
     one, other = texture(120, 160, 1), texture(120, 160, 2)
@@ -85,6 +87,7 @@ def test_a_cut_at_a_low_rate_causes_no_alarm() -> None:
     assert not any(record.alarms["opplod"] for record in records)
 
 
+@pytest.mark.once
 def test_a_rest_before_motion_keeps_the_times_in_order() -> None:
     """Exact repeats are shown to the detectors late; no picture comes before them."""
     moving = [disk(120, 60, 60, 5 + 2 * t) for t in range(16)]
