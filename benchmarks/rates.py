@@ -19,13 +19,10 @@ alarms at the floors of the package.
 from __future__ import annotations
 
 import argparse
-import os
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -42,6 +39,8 @@ from oppload_cli.models.registry import parameters_of
 from oppload_cli.models.timebase import FRAME, TimeParams
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
+from oppload_cli.processes import cores
+from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load, load_all
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.video.source import open_video
@@ -235,11 +234,11 @@ def _measured(
 ) -> Table:
     """Compare each case at each rate with the mean of the case at 30 frames/s."""
     table: Table = {}
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        for each in pool.map(partial(_measured_case, phases, interval, rates), cases):
-            table |= each
-            for (case, rate, kind), values in each.items():
-                print(*case, rate, kind, np.round(values, 3).tolist(), flush=True)
+    measured = partial(_measured_case, phases, interval, rates)
+    for each in results(measured, cases, cores(), named=str):
+        table |= each
+    for (case, rate, kind), values in table.items():
+        print(*case, rate, kind, np.round(values, 3).tolist())
     return table
 
 

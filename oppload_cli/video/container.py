@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 Value = TypeVar("Value")
-_GIF_TICK = Fraction(1, 100)  # s; FFmpeg guesses the rate of ticks if the times are uneven
+_GIF_TICKS = 100  # per second; FFmpeg guesses this rate if the times are uneven
 _NO_TIMES = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: a raw stream, which has no times
 _LIVE = "mpjpeg"  # images that a network camera sends one by one over HTTP, without times
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
@@ -515,7 +515,7 @@ def _stored_bits(pixel_format: VideoFormat | None) -> int:
 
 def _rate(stream: VideoStream) -> Fraction | None:
     rates = [stream.average_rate, stream.guessed_rate, stream.base_rate]
-    if stream.container.format.name == "gif" and stream.guessed_rate != 1 / _GIF_TICK:
+    if stream.container.format.name == "gif" and stream.guessed_rate != _GIF_TICKS:
         rates.insert(0, stream.guessed_rate)  # FFmpeg's average is that of the first few frames
     if stream.container.format.flags & _NO_TIMES:  # FFmpeg assumes 25; the codec may know better
         rates.insert(0, stream.codec_context.framerate)
