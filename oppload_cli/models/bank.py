@@ -73,6 +73,7 @@ class DetectorBank:
         self._layers = layers = Layers(shape, Clock(time, frame_rate))
         self._photoreceptors = layers.photoreceptors()
         self.responded: set[str] = set()
+        self._separated = False
         self.detectors: dict[str, Detector] = {}
         for each in params:
             kind = detector_of(each)
@@ -122,18 +123,28 @@ class DetectorBank:
         self.see(luma, time_s)
         return self.respond(luma, time_s)
 
+    def separate(self) -> None:
+        """Separate the layers of detectors that get pictures between frames from those of others.
+
+        It is called before every frame with such pictures; later calls have no effect.
+        """
+        for each in self.detectors.values():
+            if each.interpolated != "none" and not self._separated:
+                each.separate()
+        self._separated = True
+
     def see(self, luma: Map, time_s: float | None = None) -> None:
         """Take the next frame for `photoreceptors` and `luma_change`; `respond` must follow."""
         self._layers.clock.time_s = time_s
         self._photoreceptors.step(luma)
 
     def respond(
-        self, luma: Map, time_s: float | None, *, between: bool = False
+        self, luma: Map, time_s: float | None, between: str = ""
     ) -> dict[str, Response | None]:
-        """Return the responses to the frame that was seen, or to a picture before it (`between`).
+        """Return the responses to the frame that was seen, or to a picture before it.
 
-        Only detectors that are `interpolated` respond to pictures between frames. Arguments and
-        errors are those of `step`.
+        To a picture between frames only those detectors respond whose `interpolated` is `between`.
+        Other arguments and errors are those of `step`.
         """
         self._layers.clock.time_s = time_s
         # A detector must not write into the frame, since the others get the same frame.
@@ -142,7 +153,7 @@ class DetectorBank:
         responses = {
             name: _response_of(each, luma)
             for name, each in self.detectors.items()
-            if each.interpolated or not between
+            if between in {"", each.interpolated}
         }
         self.responded |= {name for name, each in responses.items() if each is not None}
         return {n: self._at_rest(n) if each is None else each for n, each in responses.items()}

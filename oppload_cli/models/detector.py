@@ -305,12 +305,19 @@ class Detector(ABC):
         return self.responses(0.0)
 
     @property
-    def interpolated(self) -> bool:
-        """Whether it also gets interpolated pictures between frames that are far apart.
+    def interpolated(self) -> str:
+        """The pictures between frames that it also gets, where frames are far apart.
 
-        A detector that does must not share layers with others.
+        They are interpolated from ``both`` frames or from the ``earlier`` one. A detector without
+        such pictures returns ``none``.
         """
-        return False
+        return "none"
+
+    def separate(self) -> None:  # noqa: B027
+        """Replace layers that it shares by copies of its own.
+
+        It is called before the first picture between frames, which other detectors do not get.
+        """
 
     @property
     def maps(self) -> dict[str, Map]:

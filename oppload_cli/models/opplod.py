@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
     from oppload_cli.models.layers import Dpc, SharedLayer
 
-# The paper's model, made to work, without the parts that `default` adds for videos of cameras.
+# The paper's model, made to work at any frame rate, without the parts that `default` adds for
+# videos of cameras.
 _REFERENCE = OpplodParams(
     field_share=5 / 12,
     cell_share=1 / 30,
@@ -31,7 +33,7 @@ _REFERENCE = OpplodParams(
     halved_weight=0.0,
     persistence=0.0,
     light_s=0.0,
-    interpolated=False,
+    interpolated="earlier",
     adaptation_level=0.0,
     cone=90.0,
 )
@@ -95,6 +97,7 @@ class Opplod(Detector):
         "reference": _REFERENCE,
         "paper": _REFERENCE.replaced(
             judgement="pixelwise",
+            interpolated="none",
             receptive_field=200,
             cell=1,
             pool_sigma=0.0,
@@ -126,8 +129,8 @@ class Opplod(Detector):
         own, clock, layers = self.params, self.layers.clock, self.layers
         light = own.light_s * clock.per_second
         self._light = SteadyLight(light) if light else None
-        # These change frames or maps, or add frames, so that layers cannot be shared.
-        if self.interpolated or light or own.entering:
+        # These change frames or maps, so that layers cannot be shared.
+        if light or own.entering:
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(own, own.both_axes, own.stride)
         self._bars: Bars | None = None
@@ -145,9 +148,14 @@ class Opplod(Detector):
             self.judgement = PixelwiseJudgement(shape, own)
 
     @property
-    def interpolated(self) -> bool:
-        """Whether it also gets interpolated pictures, as its parameters say."""
+    def interpolated(self) -> str:
+        """The pictures in between that it gets, as its parameters say."""
         return self.params.interpolated
+
+    def separate(self) -> None:
+        """Replace shared layers by copies of its own."""
+        clock = self.layers.clock
+        self._dpc = deepcopy(self._dpc, {id(clock): clock})  # all layers keep the same clock
 
     @property
     def units(self) -> UnitMaps:

@@ -177,9 +177,11 @@ class OpplodParams(DpcParams):
         low=0,
         high=60,
     )
-    interpolated: bool = parameter(
-        True,
-        "True: OppLoD also sees interpolated pictures between frames 1.7 to 6.7 intervals apart",
+    interpolated: str = parameter(
+        "both",
+        "OppLoD also sees pictures between frames 1.7 to 6.7 intervals apart, interpolated from "
+        "both frames or from the earlier one; none: it does not",
+        choices=("both", "earlier", "none"),
     )
     cone: float = parameter(
         60.0,
@@ -219,10 +221,10 @@ class OpplodParams(DpcParams):
             self._check_pixelwise()
 
     def _check_pixelwise(self) -> None:
-        literal = {"cell": 1, "cone": 90, "compression": 1, "stride": 1}
+        literal: dict[str, object] = {"cell": 1, "cone": 90, "compression": 1, "stride": 1}
         literal |= dict.fromkeys(("border", "entering", "pool_sigma", "periphery"), 0)
         literal |= dict.fromkeys(("halved_weight", "persistence", "history"), 0)
-        literal |= {"adaptation_level": 0, "light_s": 0, "interpolated": False}
+        literal |= {"adaptation_level": 0, "light_s": 0, "interpolated": "none"}
         for name, value in literal.items():
             if getattr(self, name) != value:
                 raise ParameterError(

@@ -12,7 +12,7 @@ from oppload_cli.errors import FrameError
 from oppload_cli.motion.rmo import RmoMetrics, RmoParams, length, rmo_metrics
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
     from numpy.typing import NDArray
 
@@ -266,37 +266,50 @@ class Interpolation:
     """Adds pictures between frames, so that edges move as little between them as at 30 frames/s.
 
     At low frame rates, and where frames are missing, a fast edge moves so far in one step that S
-    does not show its direction. Optical flow tells where each pixel is between two frames. Both
-    frames are shifted to that place, and averaged with weights by time.
+    does not show its direction. Optical flow tells where each pixel is between two frames. Frames
+    are shifted to that place: ``earlier`` is the earlier frame alone, and ``both`` is the average
+    of both frames with weights by time.
+
+    Parameters
+    ----------
+    kinds : collection of str
+        The pictures that are wanted: ``earlier``, ``both``, or none.
 
     Source: ``docs/time.md``; Kroeger et al. 2016 for the flow (dense inverse search).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, kinds: Collection[str]) -> None:
+        self._kinds = kinds
         self._before: Luma | None = None
 
-    def step(self, luma: Luma, intervals: float) -> Iterator[tuple[float, Luma]]:
+    def step(self, luma: Luma, intervals: float) -> Iterator[tuple[float, str, Luma]]:
         """Take the next frame; yield the pictures between it and the frame before.
 
         `luma` is float32, 0 to 1, and is kept, not copied. `intervals` is the time since the frame
-        before. Each picture comes with its place in this time, between 0 and 1.
+        before. Each picture comes with its place in this time, between 0 and 1, and its kind.
         """
         before, self._before = self._before, luma
         if before is None:
             self._search = inverse_search(luma.shape, cv2.DISOPTICAL_FLOW_PRESET_FAST)
         count = int(intervals + _ROUNDED_UP) if intervals < _MOST_INTERVALS + 1 - _ROUNDED_UP else 1
-        if before is None or count < 2 or min(luma.shape) < _SHORTEST_SIDE:
+        if before is None or count < 2 or min(luma.shape) < _SHORTEST_SIDE or not self._kinds:
             return
         flow = np.zeros((*luma.shape, 2), np.float32)
         first, second = (_grey_levels(each) for each in (before, luma))
         self._search.calc(first, second, flow)
         y, x = np.mgrid[: luma.shape[0], : luma.shape[1]].astype(np.float32)
+
+        def shifted(frame: Luma, passed: float) -> Luma:
+            dx, dy = np.float32(passed) * flow[..., 0], np.float32(passed) * flow[..., 1]
+            picture = cv2.remap(
+                frame, x + dx, y + dy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
+            return np.asarray(picture, np.float32)
+
         for share in (number / count for number in range(1, count)):
-            picture = np.zeros_like(luma)
-            for frame, passed, weight in (before, -share, 1 - share), (luma, 1 - share, share):
-                dx, dy = np.float32(passed) * flow[..., 0], np.float32(passed) * flow[..., 1]
-                shifted = cv2.remap(
-                    frame, x + dx, y + dy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-                )
-                picture += np.float32(weight) * shifted
-            yield share, picture
+            earlier = shifted(before, -share)
+            if "earlier" in self._kinds:
+                yield share, "earlier", earlier
+            if "both" in self._kinds:
+                later = shifted(luma, 1 - share)
+                yield share, "both", np.float32(1 - share) * earlier + np.float32(share) * later

@@ -113,8 +113,8 @@ class DetectorPass:
         self._first_s = 0.0
         self._cuts = Cuts(chosen.alarm)
         self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
-        self._interpolation = Interpolation()
-        self._interpolates = any(each.interpolated for each in self._bank.detectors.values())
+        kinds = {each.interpolated for each in self._bank.detectors.values()}
+        self._interpolation = Interpolation(kinds - {"none"})
         self._latest: FrameRecord | None = None  # of the latest frame that the detectors got
         self._before_s = self._taken_s = 0.0  # when this frame was presented, and taken
         self._passed_over_s: list[float] = []  # times of the frames after this one
@@ -176,17 +176,19 @@ class DetectorPass:
                 bank.step(luma, passed_over_s)
                 self._before_s = self._taken_s = passed_over_s
         self._passed_over_s.clear()
+        elapsed = (taken_s - self._taken_s) * (self._per_second or 0)
+        pictures = list(self._interpolation.step(luma, elapsed))
+        if pictures:
+            bank.separate()
         bank.see(luma, taken_s)
         change = 0.0 if repeat.kind else bank.luma_change
         blind = self._cuts.step(bank.photoreceptors, change, frame.time_s)
-        if self._per_second and self._interpolates:
-            times_s = (self._before_s, frame.time_s), (self._taken_s, taken_s)
-            elapsed = (taken_s - self._taken_s) * self._per_second
-            for share, picture in self._interpolation.step(luma, elapsed):
-                shown_s, time_s = (then + share * (now - then) for then, now in times_s)
-                responses = bank.respond(picture, time_s, between=True)
-                between = replace(frame, time_s=shown_s, luma=picture)
-                self._judged(responses, between, Repeat(shift_s=time_s - shown_s), blind)
+        times_s = (self._before_s, frame.time_s), (self._taken_s, taken_s)
+        for share, kind, picture in pictures:
+            shown_s, time_s = (then + share * (now - then) for then, now in times_s)
+            responses = bank.respond(picture, time_s, kind)
+            between = replace(frame, time_s=shown_s, luma=picture)
+            self._judged(responses, between, Repeat(shift_s=time_s - shown_s), blind)
         self._before_s, self._taken_s = frame.time_s, taken_s
         return blind
 

@@ -14,6 +14,7 @@ from tests.media import disk, texture
 from tests.presets import DEFAULT, REFERENCE
 
 if TYPE_CHECKING:
+    from oppload_cli import OpplodParams
     from tests.media import Luma
 
 
@@ -28,52 +29,74 @@ def moved(shift: float) -> Luma:
     [(0.5, 1), (1, 1), (1.25, 1), (1.5, 1), (2, 2), (2.5, 2), (3, 3), (6, 6), (7, 1), (60, 1)],
 )
 def test_the_number_of_pictures_follows_the_time(intervals: float, count: int) -> None:
-    interpolation = Interpolation()
+    interpolation = Interpolation({"both"})
     assert list(interpolation.step(moved(0), 0)) == []
-    shares = [share for share, _ in interpolation.step(moved(-4), intervals)]
+    shares = [share for share, _, _ in interpolation.step(moved(-4), intervals)]
     assert shares == pytest.approx([number / count for number in range(1, count)])
 
 
 # In frames lower than 32 px, and 80 px wide or wider, OpenCV's own scales end the process.
 @pytest.mark.parametrize("rows", [slice(None), slice(30, 61), slice(30, 46)])
 def test_what_moves_is_halfway_in_between(rows: slice) -> None:
-    interpolation = Interpolation()
+    interpolation = Interpolation({"earlier", "both"})
     list(interpolation.step(moved(0)[rows], 0))
-    [(share, picture)] = interpolation.step(moved(-6)[rows], 2)
-    assert share == 0.5
+    pictures = list(interpolation.step(moved(-6)[rows], 2))
+    assert [each[:2] for each in pictures] == [(0.5, "earlier"), (0.5, "both")]
     inner, half = np.s_[4:-4, 15:-15], moved(-3)[rows]
-    error = np.abs(picture - half)[inner].mean()
-    assert error < 0.1 * np.abs(moved(0)[rows] - half)[inner].mean()
-    assert picture.dtype == np.float32
+    for _, _, picture in pictures:
+        error = np.abs(picture - half)[inner].mean()
+        assert error < 0.1 * np.abs(moved(0)[rows] - half)[inner].mean()
+        assert picture.dtype == np.float32
+
+
+def test_the_earlier_frame_alone_has_no_part_of_the_later() -> None:
+    flash = moved(0)
+    flash[40:44, 60:64] = 1
+    interpolation = Interpolation({"earlier", "both"})
+    list(interpolation.step(moved(0), 0))
+    earlier, both = (picture for _, _, picture in interpolation.step(flash, 2))
+    assert np.abs(earlier - moved(0)).max() < 0.005
+    assert np.abs(both - moved(0)).max() > 0.1
 
 
 def test_frames_that_are_too_small_for_the_flow_get_no_pictures() -> None:
-    interpolation = Interpolation()
+    interpolation = Interpolation({"both"})
     for _ in range(2):
         assert list(interpolation.step(np.zeros((15, 60), np.float32), 2)) == []
 
 
-@pytest.mark.once
-def test_only_the_preset_for_cameras_sees_pictures_in_between() -> None:
-    """At 15 frames/s the default responds nearly as at 30; the others do as without pictures."""
+def growing_disk() -> Luma:
     radii = 3 + 60 * (np.arange(31) / 30) ** 2
-    frames = np.array([disk(120, 60, 60, radius) for radius in radii])
-    for params in (REFERENCE, DlgmdParams()):
-        plain = [Analysis((120, 120), [params], rate=15) for _ in range(2)]
-        plain[1]._detectors._interpolates = True
-        for one in range(0, 31, 2):
-            first, second = (each.step(frames[one], one / 30) for each in plain)
-            assert first.responses == second.responses
+    return np.array([disk(120, 60, 60, radius) for radius in radii])
+
+
+@pytest.mark.once
+@pytest.mark.parametrize("preset", [DEFAULT, REFERENCE], ids=["default", "reference"])
+def test_with_pictures_in_between_the_peak_at_15_frames_per_s_is_as_at_30(
+    preset: OpplodParams,
+) -> None:
     peaks = {}
-    for interpolated in (True, False):
-        params = DEFAULT.replaced(interpolated=interpolated)
+    for interpolated in (preset.interpolated, "none"):
+        params = preset.replaced(interpolated=interpolated)
         for every in (1, 2):
-            records = analyse(frames[::every], [params], rate=30 / every, rmo=False)
+            records = analyse(growing_disk()[::every], [params], rate=30 / every, rmo=False)
             found = [record.responses["opplod"] for record in records]
             peaks[interpolated, every] = max(each.response for each in found if each)
-    assert peaks[True, 1] == peaks[False, 1] > 0
-    assert peaks[True, 2] / peaks[True, 1] == pytest.approx(1, abs=0.3)
-    assert peaks[False, 2] / peaks[False, 1] < 0.8
+    shown = preset.interpolated
+    assert peaks[shown, 1] == peaks["none", 1] > 0
+    assert peaks[shown, 2] / peaks[shown, 1] == pytest.approx(1, abs=0.3)
+    assert peaks["none", 2] / peaks["none", 1] < 0.8
+
+
+@pytest.mark.once
+def test_what_shares_layers_gets_no_pictures_in_between() -> None:
+    """D-LGMD and OppLoD share layers only until the first picture in between."""
+    detectors = [REFERENCE], [DlgmdParams()], [REFERENCE, DlgmdParams()]
+    alone, other, both = (Analysis((120, 120), each, rate=30) for each in detectors)
+    for one in (0, 1, 2, 3, *range(4, 31, 2)):
+        frame = growing_disk()[one], one / 30
+        expected = {**alone.step(*frame).responses, **other.step(*frame).responses}
+        assert both.step(*frame).responses == expected
 
 
 @pytest.mark.once
