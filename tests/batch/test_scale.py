@@ -1,4 +1,4 @@
-"""The examples of ``docs/scale.md`` do what the page says."""
+"""The examples of ``docs/scale.md`` and ``docs/howto/cluster.md`` do what the pages say."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ from tests.cli.test_batch import tables
 from tests.media import grey_frames, write_video
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "scale.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+PAGES = "\n".join(
+    (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("scale.md", "howto/cluster.md")
+)
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", PAGES, re.MULTILINE | re.DOTALL)
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="shell scripts")
 
