@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.page import CONDITIONS, INTERVALS, MEASURES
 from oppload_cli.models.columns import ALARM_DETAILS, COMMON, COMMON_DETAILS, RMO, VIEW, columns_of
-from oppload_cli.models.registry import detectors
+from oppload_cli.models.registry import default_names, detectors
 from oppload_cli.pipeline.settings import parameter_sets
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from oppload_cli.models.detector import Column
+    from oppload_cli.models.detector import Column, Detector
     from oppload_cli.schema import Parameter, Parameters
 
 DOCS = Path(__file__).parent
@@ -33,26 +33,33 @@ EXITS = {
 
 def formats() -> str:
     """Return the page of file formats and exit codes."""
-    parts = [(DOCS / "formats.in.md").read_text(encoding="utf-8")]
-    parts += ["### Every result", columns(COMMON)]
-    for name, detector in detectors().items():
-        usual = columns_of(detector)
-        parts += [f"### With model `{name}`", columns(usual)]
-        general = {f"{name}_{each.name}" for each in ALARM_DETAILS}
-        details = columns_of(detector, details=True)[len(usual) :]
-        details = tuple(each for each in details if each.name not in general)
-        parts += ["With `--columns all` also:\n", columns(details)] if details else []
+    above, below = (DOCS / "formats.in.md").read_text(encoding="utf-8").split("<!-- columns -->\n")
+    tables = {name: columns_with(name, each) for name, each in detectors().items()}
+    parts = [above + "### Every result", columns(COMMON)]
+    parts += [line for name in default_names() for line in tables.pop(name)]
     seen = "Each detector with a box has also, with its name in front:\n"
     parts += ["### With `--columns all`", columns(COMMON_DETAILS)]
     seen_by = "Each detector has also, with its name in front, the first; one with a box has all:\n"
     parts += [seen_by, columns(ALARM_DETAILS)]
     parts += ["### With `--fov`, and for stimuli with ground truth", seen, columns(VIEW)]
-    parts += ["### Unless `--no-rmo`", columns(RMO)]
+    parts += ["### Unless `--no-rmo`", columns(RMO) + below]
     parts += [
         "## Exit codes",
         table(("code", "meaning"), ((str(int(c)), m) for c, m in EXITS.items())),
+        "## Columns of the other detectors",
     ]
+    parts += [line for lines in tables.values() for line in lines]
     return "\n".join(parts) + "\n"
+
+
+def columns_with(name: str, detector: type[Detector]) -> list[str]:
+    """Return the lines about the columns of one detector."""
+    usual = columns_of(detector)
+    lines = [f"### With model `{name}`", columns(usual)]
+    general = {f"{name}_{each.name}" for each in ALARM_DETAILS}
+    details = columns_of(detector, details=True)[len(usual) :]
+    details = tuple(each for each in details if each.name not in general)
+    return lines + (["With `--columns all` also:\n", columns(details)] if details else [])
 
 
 def parameters() -> str:
