@@ -114,7 +114,7 @@ class _LazyGroup(click.Group):
 
 
 # \b keeps the lines of a paragraph as they are.
-_HELP = """Run insect-inspired looming detectors on video: OppLoD and D-LGMD.
+_HELP = """Run looming detectors on videos and cameras: OppLoD, D-LGMD and others.
 
 \b
 oppload demo                   see it work

@@ -52,13 +52,13 @@ from oppload_cli.video.opening import Opening, is_video_file
     help="Frames/s of images, which have no times.  [default: of their ground truth, or 30]",
 )
 @click.option(
-    "--annotate", is_flag=True, help="Write {stem}.annotated.mp4 too: boxes, responses and alarms."
+    "--annotate", is_flag=True, help="Write NAME.annotated.mp4 too: boxes, responses and alarms."
 )
 @click.option(
     "--report",
     "report_pages",
     is_flag=True,
-    help="Write {stem}.report.html too, a page with video and curves; see 'oppload report'.",
+    help="Write NAME.report.html too, a page with video and curves; see 'oppload report'.",
 )
 @click.option(
     "--boxes",
@@ -83,14 +83,14 @@ def run(
     image_rate: str | None,
     **others: Any,
 ) -> int:
-    """Run OppLoD and D-LGMD on videos, frame by frame.
+    """Run looming detectors on videos, frame by frame, and say when their alarms start.
 
     INPUT is a video file, a folder of videos or of images, a pattern such as
     'clips/*.mp4' or frames_%04d.png, camera:0, or a stream's address. For each input,
-    DIR gets {stem}.frames.csv with a row per frame, {stem}.detections.jsonl with a line
-    per looming object and frame, and {stem}.oppload.json with all settings, versions and
-    facts about the input. For several inputs, DIR/alarms.csv lists the alarms, and
-    DIR/failures.csv the inputs that fail.
+    DIR gets NAME.frames.csv with a row per frame, NAME.detections.jsonl with a line
+    per looming object and frame, and NAME.oppload.json with all settings, versions and
+    facts about the input; NAME is the input's name without its suffix. For several
+    inputs, DIR/alarms.csv lists the alarms, and DIR/failures.csv the inputs that fail.
     """
     options = RunOptions(**{name: others.pop(name) for name in RunOptions._fields})
     if not inputs and not options.files_from:

@@ -123,7 +123,7 @@ class Dlgmd(Detector):
     colour = "#0072B2"
     year = 2021
     reference = "Zhao et al., D-LGMD"
-    answers_to = "fast and growing edges, of any contrast; also to fast translation"
+    answers_to = "fast and growing edges, of any contrast; also fast translation"
     made_for = "600 px high, 30 frames/s"
     cost_ms = 0.7
     meaning = "D-LGMD: DPC and grouping"

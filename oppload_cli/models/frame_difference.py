@@ -44,7 +44,7 @@ class FrameDifference(Detector):
     label = "frame difference"
     colour = "#56B4E9"
     reference = "defined here"
-    answers_to = "every change, whatever moves"
+    answers_to = "every change of luminance"
     made_for = "any size and rate"
     cost_ms = 0.06
     meaning = "frame difference: mean of P over the frame"

@@ -73,7 +73,7 @@ class CiLmd(ChangeDetector):
     alarm_floors: ClassVar = {"default": 9.0}
     year = 2026
     reference = "Fu, CI model for looming detection"
-    answers_to = "places where a strong change has just ended; not to weak edges"
+    answers_to = "places where a strong change has just ended; not weak edges"
     made_for = "any size and rate"
     cost_ms = 2.0
     warm_up = 0

@@ -134,7 +134,7 @@ class Lgmd1Group(_Persistent):
     alarm_floors: ClassVar = {"default": 200.0}
     year = 2006
     reference = "Yue and Rind, with grouping, as coded by Fu for pLGMD"
-    answers_to = "moving edges, dark or bright, in clusters; as coded also to where they were"
+    answers_to = "moving edges, dark or bright, in clusters, and places that edges have passed"
     made_for = "any size, 30 frames/s"
     cost_ms = 1.0
 
@@ -228,7 +228,7 @@ class Plgmd(_Persistent):
     alarm_floors: ClassVar = {"default": 20.0}
     year = 2023
     reference = "Fu, pLGMD"
-    answers_to = "moving edges in clusters, and where they were; weak motion drowns"
+    answers_to = "moving edges in clusters, and places that edges have passed; hardly weak motion"
     made_for = "any size, 30 frames/s"
     cost_ms = 3.0
 

@@ -92,7 +92,7 @@ class Lgmd1Single(ChangeDetector):
     alarm_floors: ClassVar = {"default": 2.7}
     year = 2006
     reference = "Yue and Rind, IEEE Trans. Neural Networks, as coded by Fu"
-    answers_to = "edges that brighten, until just before contact; not to dark objects"
+    answers_to = "edges that brighten, until just before contact; not dark objects"
     made_for = "any size, 30 frames/s"
     cost_ms = 0.6
 

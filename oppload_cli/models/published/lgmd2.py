@@ -90,7 +90,7 @@ class Lgmd2(ChangeDetector):
     alarm_floors: ClassVar = {"default": 1.7}
     year = 2019
     reference = "Fu, Hu, Peng, Rind and Yue, IEEE Trans. Cybernetics"
-    answers_to = "edges that darken: dark objects that approach; silent for bright ones"
+    answers_to = "edges that darken: dark objects that approach, not bright ones"
     made_for = "99 x 72 to 432 x 240 px, 30 frames/s"
     cost_ms = 0.9
 

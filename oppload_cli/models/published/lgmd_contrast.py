@@ -73,7 +73,7 @@ class LgmdContrast(ChangeDetector):
     alarm_floors: ClassVar = {"default": 0.27}
     year = 2022
     reference = "Fu and Li, harmonizing motion and contrast vision"
-    answers_to = "changes over areas, at any contrast; also to flashes"
+    answers_to = "changes over areas, at any contrast; also flashes"
     made_for = "any size and rate"
     cost_ms = 2.0
     warm_up = 0

@@ -129,7 +129,9 @@ class ZhouLrf(Detector):
     response_column = "", "largest response of a unit"
     year = 2022
     reference = "after Zhou et al. 2022, eLife; weights retrained"
-    answers_to = "motion outward from a unit's middle, by contrast; not misses, retreats, rotation"
+    answers_to = (
+        "motion outward from a unit's middle, more at high contrast; not misses, retreats, rotation"
+    )
     made_for = "60 degrees over 12 elements, 30 frames/s"
     cost_ms = 2.0
     responses = ZhouLrfResponse
