@@ -323,7 +323,7 @@ class Tally:
         return ExitCode.DONE
 
     def alarms(self, most: int, place: Path, stems: Mapping[str, str]) -> Iterator[str]:
-        """Yield how many inputs alarmed, and the strongest alarms as sentences.
+        """Yield how many inputs had an alarm, and the strongest alarms as sentences.
 
         At most `most` inputs are listed, each by its stem; `place` is the file with all alarms. If
         there are more detectors than a line can hold, the lines instead count the inputs on which
@@ -335,14 +335,14 @@ class Tally:
         counts = Counter(each.model for found in alarmed.values() for each in found if each.alarms)
         most_detectors = max(map(len, self.verdicts.values()))
         if most_detectors > MOST_IN_A_LINE:
-            yield f"{len(alarmed)} of {len(self.verdicts)} alarmed; all alarms: {place}"
+            yield f"{len(alarmed)} of {len(self.verdicts)} inputs had an alarm; all alarms: {place}"
             for model, count in counts.most_common():
                 yield f"  {label_of(model):<26}{count}"
             return
         by_model = ", ".join(f"{label_of(model)} {count}" for model, count in counts.items())
         detail = f" ({by_model})" if most_detectors > 1 and counts else ""
         colon = "; the strongest first:" if alarmed else ""
-        yield f"{len(alarmed)} of {len(self.verdicts)} alarmed{detail}{colon}"
+        yield f"{len(alarmed)} of {len(self.verdicts)} inputs had an alarm{detail}{colon}"
 
         def strength(name: str) -> tuple[float, str]:
             return -max(each.strongest for each in alarmed[name] if each.alarms), name

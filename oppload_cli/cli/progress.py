@@ -152,7 +152,9 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
     if task.outputs and not outcome.skipped:
         first, *others = task.outputs.paths()
         names = [str(first), *(each.name for each in others)]
-        speed = f" at {outcome.frames / outcome.wall_s:.0f} frames/s" if outcome.wall_s else ""
+        speed = (
+            f", {outcome.frames / outcome.wall_s:.0f} analysed per second" if outcome.wall_s else ""
+        )
         yield f"  {counted(outcome.frames, 'frame')}{speed} -> {', '.join(names)}"
     if not outcome.complete:
         yield incomplete(task, outcome)

@@ -339,10 +339,10 @@ def test_a_batch_says_who_alarmed_and_lists_the_alarms(clips: Path, tmp_path: Pa
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader((tmp_path / "alarms.csv").read_text().splitlines()))
     alarmed = {row["video"] for row in rows}
-    assert f"{len(alarmed)} of 2 alarmed" in done.stderr
+    assert f"{len(alarmed)} of 2 inputs had an alarm" in done.stderr
     assert {row["model"] for row in rows} <= {"dlgmd"}
     kept = oppload(*words, "--if-exists", "skip")
-    assert f"{len(alarmed)} of 2 alarmed" in kept.stderr
+    assert f"{len(alarmed)} of 2 inputs had an alarm" in kept.stderr
     assert list(csv.DictReader((tmp_path / "alarms.csv").read_text().splitlines())) == rows
 
 
@@ -411,12 +411,12 @@ def test_of_many_detectors_each_has_a_row(tmp_path: Path) -> None:
         rows = lines[first : first + 4]
         assert [row[7:33].strip() for row in rows] == labels
         assert [row[:7].strip() for row in rows] == [name, "", "", ""]
-    counted = f"2 of 2 alarmed; all alarms: {tmp_path / 'alarms.csv'}"
+    counted = f"2 of 2 inputs had an alarm; all alarms: {tmp_path / 'alarms.csv'}"
     assert lines[lines.index(counted) + 1] == f"  {'frame difference':<26}2"
     off = oppload(*words, "--set", "alarm.on=false", "--if-exists", "overwrite").stderr
     assert "alarms are off" in off
     assert off.splitlines()[1].split() == ["input", "frames/s"]
-    assert not any(word in off for word in ("alarmed", "peak", "OppLoD"))
+    assert not any(word in off for word in ("had an alarm", "peak", "OppLoD"))
 
 
 def test_remarks_on_frame_rates_belong_to_every_batch(tmp_path: Path) -> None:

@@ -240,7 +240,7 @@ def test_the_index_sorts_and_leads_to_the_pages(browser: Browser, index: Path) -
     from selenium.webdriver import Keys
 
     browser.open(index)
-    assert browser.driver.title == "2 of 3 videos alarmed - oppload"
+    assert browser.driver.title == "2 of 3 videos had an alarm - oppload"
     assert names(browser) == ["a.mkv", "c.mkv", "b.mkv"]
     browser.click("[data-key=title]")
     assert names(browser) == ["a.mkv", "b.mkv", "c.mkv"]
