@@ -32,7 +32,7 @@ def summary(report: dict[str, Any]) -> Iterator[str]:
     """Yield the introduction and the table of verdicts."""
     figures = report["figures"]
     presets = presets_of(report)
-    yield "# The OppLoD paper: the statements that hold"
+    yield "# The OppLoD paper: which statements hold"
     yield introduction(report)
     yield ""
     yield (

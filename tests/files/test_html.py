@@ -21,7 +21,7 @@ def test_text_in_a_page_is_escaped_and_nothing_may_be_missing() -> None:
         "paper": "<script>", "figures": [], "wall_s": 1, "tool": {"oppload": "1", "python": "3"},
     }  # fmt: skip
     page = rendered("reproduction.html", report=report, introduction="a & b", presets=[])
-    assert "<h1>&lt;script&gt;: the statements that hold</h1>" in page
+    assert "<h1>&lt;script&gt;: which statements hold</h1>" in page
     assert "<p>a &amp; b</p>" in page
     assert "img { height: auto;" in page
     with pytest.raises(UndefinedError):
