@@ -48,7 +48,7 @@ from oppload_cli.processes import cores
     help="Labelled clips to evaluate the detectors on as well, as by 'oppload evaluate'.",
 )
 @output_option("benchmark")
-@jobs_option("Detectors")
+@jobs_option("detectors")
 @if_exists_option("a benchmark with other settings")
 @quiet_option
 def benchmark(

@@ -67,7 +67,7 @@ from oppload_cli.processes import cores
 @change_option
 @output_option("evaluation")
 @repeats_option
-@jobs_option("Clips")
+@jobs_option("clips")
 @click.option(
     "--draws",
     type=click.IntRange(100, 100_000),

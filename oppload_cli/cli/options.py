@@ -82,14 +82,14 @@ def if_exists_option(thing: str, *, skip: bool = False) -> Callable[[Command], C
 
 
 def jobs_option(things: str) -> Callable[[Command], Command]:
-    """Return the option ``--jobs`` of a command that does several things, such as ``Inputs``."""
+    """Return the option ``--jobs`` of a command that does several things, such as ``inputs``."""
     return click.option(
         "-j",
         "--jobs",
         type=click.IntRange(0, 1024),
         default=0,
         show_default=True,
-        help=f"{things} that are done at a time, each in a process of its own; 0: one per core.",
+        help=f"Number of {things} done at the same time, each in its own process; 0: one per core.",
     )
 
 
@@ -225,7 +225,7 @@ _models_option = click.option(
     multiple=True,
     metavar="NAME[:VARIANT|PRESET]",
     shell_complete=complete_models,
-    help="A model to run, by its name in 'oppload models', NAME:VARIANT, A,B for several, or all; "
+    help="A detector to run: its NAME in 'oppload models', NAME:VARIANT, A,B for several, or all; "
     "may be given again. NAME:PRESET also chooses the preset.  [default: the two of the paper]",
 )
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     metavar="INPUT|DIR",
     help="The video, or the folder of the videos, if they were moved.",
 )
-@jobs_option("Pages")
+@jobs_option("pages")
 @click.option("--show", is_flag=True, help="Open the page in the browser, if there is one.")
 @quiet_option
 def report(

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     help="Format of the figures.",
 )
 @click.option("--list", "listed", is_flag=True, help="Print the names of the figures.")
-@jobs_option("Figures")
+@jobs_option("figures")
 @if_exists_option("a result")
 @quiet_option
 def reproduce(

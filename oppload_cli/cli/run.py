@@ -35,7 +35,7 @@ from oppload_cli.video.opening import Opening, is_video_file
     help="Read inputs from a list, a name per line, or from a failures.csv.",
 )
 @click.option("-0", "--null", is_flag=True, help="The names of the list end in NUL.")
-@jobs_option("Inputs")
+@jobs_option("inputs")
 @click.option("--shard", metavar="I/N", help="Do only the I-th of N parts, for job arrays.")
 @click.option(
     "--scheduler",
@@ -49,7 +49,7 @@ from oppload_cli.video.opening import Opening, is_video_file
 @click.option(
     "--image-rate",
     metavar="HZ",
-    help="Frames/s of images, which have no times.  [default: of their ground truth, or 30]",
+    help="Frames/s of images, which state no rate.  [default: that of their ground truth, or 30]",
 )
 @click.option(
     "--annotate", is_flag=True, help="Write NAME.annotated.mp4 too: boxes, responses and alarms."
@@ -83,7 +83,7 @@ def run(
     image_rate: str | None,
     **others: Any,
 ) -> int:
-    """Run looming detectors on videos, frame by frame, and say when their alarms start.
+    """Run looming detectors, by default OppLoD and D-LGMD, on videos, frame by frame.
 
     INPUT is a video file, a folder of videos or of images, a pattern such as
     'clips/*.mp4' or frames_%04d.png, camera:0, or a stream's address. For each input,

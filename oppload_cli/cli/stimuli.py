@@ -90,7 +90,7 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
 )
 @change_option
 @click.option("--preview", is_flag=True, help="Also write a contact sheet NAME.preview.png.")
-@jobs_option("Stimuli")
+@jobs_option("stimuli")
 @if_exists_option("a file", skip=True)
 @quiet_option
 @click.pass_context

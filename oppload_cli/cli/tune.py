@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Format of the matching plot.",
 )
-@jobs_option("Conditions")
+@jobs_option("conditions")
 @if_exists_option("a result")
 @quiet_option
 def tune(
