@@ -317,6 +317,7 @@ class HuaLiteral(HuaFixed):
     label = "Hua et al. (literal)"
     colour = "#FFA286"
     meaning = "LPLC2 network about the centre of view (after Hua et al. 2022), as coded"
+    answers_to = "motion sideways out of the middle and vertically into it, summed over all frames"
     parameters: ClassVar[type[Parameters]] = HuaLiteralParams
     alarm_floors: ClassVar = {"default": 100_000.0}
 
