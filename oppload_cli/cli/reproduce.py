@@ -54,7 +54,7 @@ def reproduce(
     if_exists: str,
     quiet: bool,
 ) -> None:
-    """Reproduce every synthetic figure of the OppLoD paper; takes about four minutes.
+    """Reproduce every synthetic figure of the OppLoD paper; takes about five minutes.
 
     For each figure, DIR gets a picture and a CSV with its numbers as soon as they are ready. At
     the end DIR gets report.json with every statement of the paper, the measurement and the
