@@ -127,7 +127,7 @@ def test_no_result_and_no_message_holds_a_login(
         done, again = oppload(*words), oppload(*words)
     assert (done.returncode, again.returncode) == (0, 0)
     assert f"{address}: OppLoD no alarm" in done.stderr
-    assert "1 frame at" in done.stderr
+    assert "1 frame, " in done.stderr
     assert f"{address}: skipped" in again.stderr
     written = sorted((tmp_path / "results").iterdir())
     stem = "http-" + host.replace(":", "-").replace("/", "-")
