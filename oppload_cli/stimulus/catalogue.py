@@ -11,21 +11,14 @@ import tomllib
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from oppload_cli.errors import ParameterError, StimulusError, suggestion
 from oppload_cli.files.reading import reading, text_of
+from oppload_cli.stimulus.keys import WORDS, excluded_by, key_of, value_at, with_value, without
 from oppload_cli.stimulus.protocol import Protocol
 from oppload_cli.stimulus.tables import SURROUNDINGS
-from oppload_cli.stimulus.words import WORDS, key_of, objects_of, value_at
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-_TABLES = ("display", "timing", "scene", "camera", "effects")
-# Of each pair of keys, a protocol has only one.
-_PAIRS = (("pixels_per_degree", "field_of_view_deg"), ("file", "drawing"))
-_OTHER_OF_PAIR = {one: other for pair in _PAIRS for one, other in (pair, pair[::-1])}
 _MOST_MEMBERS = 10_000
 _LONGEST = 80  # characters of a value in a message
 _DEEPEST = 20  # dots in a swept key
@@ -113,7 +106,7 @@ class Entry:
         for name, values in self.values().items():
             table = self.table
             for dotted, value in values.items():
-                table = _with_value(table, dotted, value, f"{self.path}: sweep")
+                table = with_value(table, dotted, value, f"{self.path}: sweep")
             # A changed key that is swept has another value in each member.
             told = self.changes | {key: values[key] for key in self.changes if key in values}
             where = replace(self, changes=told).label
@@ -140,20 +133,20 @@ class Entry:
         """
         table, sweep, only = self.table, dict(self.sweep), self.only
         settings = self.in_full(settings)
-        excluded = {dotted: _excluded_by(dotted) for dotted in settings}
+        excluded = {dotted: excluded_by(dotted) for dotted in settings}
         # The names of members change, so that `only` would select none.
         if sweep.keys() & {*settings, *excluded.values()}:
             sweep, only = self._swept_by_members(), "*"
         for dotted, value in settings.items():
             other = excluded[dotted]
             if other and other not in settings:
-                table = _without(table, other)
+                table = without(table, other)
                 sweep.pop(other, None)
             if dotted in sweep:
                 several = isinstance(value, list) and not isinstance(sweep[dotted][0], list)
                 sweep[dotted] = value if several and value else [value]
             else:
-                table = _with_value(table, dotted, value, f"{self.name}: {option} {dotted}", WORDS)
+                table = with_value(table, dotted, value, f"{self.name}: {option} {dotted}", WORDS)
         changes = {**self.changes, **settings}
         return replace(self, table=table, sweep=sweep, only=only, changes=changes)
 
@@ -190,12 +183,6 @@ class Entry:
     def held(self, dotted: str) -> object:
         """Return the value of a dotted key, the list of values of a swept key, or None."""
         return self.sweep.get(dotted, value_at(self.table, dotted))
-
-
-def _excluded_by(dotted: str) -> str:
-    """Return the dotted key that a dotted key excludes; empty if it excludes none."""
-    owner, _, leaf = dotted.rpartition(".")
-    return f"{owner}.{_OTHER_OF_PAIR[leaf]}" if leaf in _OTHER_OF_PAIR else ""
 
 
 def catalogue_directory() -> Path:
@@ -454,55 +441,6 @@ def _label_of(values: dict[str, Any]) -> str:
     names = leaves if len(set(leaves)) == len(leaves) else list(values)
     pairs = zip(names, values.values(), strict=True)
     return "_".join(f"{_word(name)}-{_text(value)}" for name, value in pairs)
-
-
-def _with_value(
-    table: dict[str, Any], dotted: str, value: object, where: str, words: Iterable[str] = ()
-) -> dict[str, Any]:
-    """Return a copy of a protocol's table with a value for ``seed``, ``ID.growth.end_deg``, ...
-
-    `words` are those that `where` takes in place of a key, for messages.
-    """
-    first, _, rest = dotted.partition(".")
-    if dotted in {"seed", "description", "source", "tags"}:
-        return {**table, dotted: value}
-    owners = (*_TABLES, *(str(one.get("id")) for one in objects_of(table)))
-    if first not in owners or not rest:
-        hint = suggestion(first, (*owners, "seed")) if rest else ""
-        if "did you mean" not in hint:
-            known = ", ".join(f"{name}.KEY" for name in owners)
-            hint = f"; a key starts with {known}, or is {' or '.join(('seed', *words))}"
-        raise StimulusError(f"{where}: no key '{dotted}'{hint}")
-    return _with_owner(table, first, lambda owner: _put(owner, rest, value, where))
-
-
-def _without(table: dict[str, Any], dotted: str) -> dict[str, Any]:
-    """Return a copy of a protocol's table without a key of one of its tables or objects."""
-    first, _, leaf = dotted.partition(".")
-
-    def cut(owner: Any) -> Any:
-        if not isinstance(owner, dict):
-            return owner
-        return {key: value for key, value in owner.items() if key != leaf}
-
-    return _with_owner(table, first, cut)
-
-
-def _with_owner(table: dict[str, Any], name: str, change: Callable[[Any], Any]) -> dict[str, Any]:
-    """Return a copy of a protocol's table in which one of its tables or objects is changed."""
-    if name in _TABLES:
-        return {**table, name: change(table.get(name, {}))}
-    chosen = [one for one in objects_of(table) if one.get("id") == name]
-    if not chosen:
-        return table
-    return {**table, "object": [change(one) if one in chosen else one for one in table["object"]]}
-
-
-def _put(table: object, dotted: str, value: object, where: str) -> dict[str, Any]:
-    if not isinstance(table, dict):
-        raise StimulusError(f"{where}: '{dotted}' is within {table!r}, which is not a table")
-    first, _, rest = dotted.partition(".")
-    return {**table, first: _put(table.get(first, {}), rest, value, where) if rest else value}
 
 
 def _word(name: str) -> str:

@@ -20,7 +20,7 @@ from oppload_cli.schema import REQUIRED, Parameter, Table
 from oppload_cli.stimulus.kinematics import ROUNDING_S, motion_times, pose_of, reaches_field
 from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Object
 from oppload_cli.stimulus.staging import check_stage, enters
-from oppload_cli.stimulus.tables import ProtocolTables
+from oppload_cli.stimulus.tables import TABLES, ProtocolTables
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,7 +31,7 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_FRAMES = 1_000_000
 _MOST_ZOOM = 6.0  # the largest change of the logarithm of a pattern's scale
 _LATE = "after the end of the motion and is never reached; correct it, or make the motion longer"
-_RESERVED = ("display", "timing", "scene", "camera", "effects", "object", "sweep", "seed")
+_RESERVED = (*TABLES, "object", "sweep", "seed")
 
 
 @dataclass(frozen=True, kw_only=True)

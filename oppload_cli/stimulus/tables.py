@@ -11,6 +11,7 @@ from oppload_cli.errors import StimulusError
 from oppload_cli.schema import REQUIRED, Table, parameter
 from oppload_cli.stimulus.objects import Motion, Object
 
+TABLES = ("display", "timing", "scene", "camera", "effects")
 SURROUNDINGS = ("plane", "street", "forest", "room", "sky")  # drawn by the package
 
 

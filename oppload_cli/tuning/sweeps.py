@@ -16,7 +16,7 @@ from oppload_cli.errors import ParameterError, StimulusError, suggestion
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.results.reading import direction_of
 from oppload_cli.stimulus.catalogue import find
-from oppload_cli.stimulus.words import key_of, value_at
+from oppload_cli.stimulus.keys import key_of, value_at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

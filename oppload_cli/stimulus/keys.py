@@ -1,14 +1,18 @@
-"""Words for the dotted keys of a protocol, such as ``l/v`` and ``size``."""
+"""Dotted keys of a protocol, such as ``disk.size_deg``: words that mean them, and their values."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.errors import ParameterError, StimulusError, suggestion
+from oppload_cli.stimulus.tables import TABLES
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
+# Of each pair of keys, a protocol has only one.
+_PAIRS = (("pixels_per_degree", "field_of_view_deg"), ("file", "drawing"))
+_OTHER_OF_PAIR = {one: other for pair in _PAIRS for one, other in (pair, pair[::-1])}
 _SEED = "seed"  # the one key without a dot that can be swept
 # The keys that each word may mean; {id} stands for the id of an object.
 _DIRECTIONS = ("{id}.axis_deg", "{id}.motion.direction_deg", "scene.rotation_deg")
@@ -90,3 +94,58 @@ def value_at(table: Mapping[str, Any], key: str) -> Any:
     for word in rest:
         value = value.get(word) if isinstance(value, dict) else None
     return value
+
+
+def excluded_by(dotted: str) -> str:
+    """Return the dotted key that a dotted key excludes; empty if it excludes none."""
+    owner, _, leaf = dotted.rpartition(".")
+    return f"{owner}.{_OTHER_OF_PAIR[leaf]}" if leaf in _OTHER_OF_PAIR else ""
+
+
+def with_value(
+    table: dict[str, Any], dotted: str, value: object, where: str, words: Iterable[str] = ()
+) -> dict[str, Any]:
+    """Return a copy of a protocol's table with a value for ``seed``, ``ID.growth.end_deg``, ...
+
+    `words` are those that `where` takes in place of a key, for messages.
+    """
+    first, _, rest = dotted.partition(".")
+    if dotted in {_SEED, "description", "source", "tags"}:
+        return {**table, dotted: value}
+    owners = (*TABLES, *(str(one.get("id")) for one in objects_of(table)))
+    if first not in owners or not rest:
+        hint = suggestion(first, (*owners, _SEED)) if rest else ""
+        if "did you mean" not in hint:
+            known = ", ".join(f"{name}.KEY" for name in owners)
+            hint = f"; a key starts with {known}, or is {' or '.join((_SEED, *words))}"
+        raise StimulusError(f"{where}: no key '{dotted}'{hint}")
+    return _with_owner(table, first, lambda owner: _put(owner, rest, value, where))
+
+
+def without(table: dict[str, Any], dotted: str) -> dict[str, Any]:
+    """Return a copy of a protocol's table without a key of one of its tables or objects."""
+    first, _, leaf = dotted.partition(".")
+
+    def cut(owner: Any) -> Any:
+        if not isinstance(owner, dict):
+            return owner
+        return {key: value for key, value in owner.items() if key != leaf}
+
+    return _with_owner(table, first, cut)
+
+
+def _with_owner(table: dict[str, Any], name: str, change: Callable[[Any], Any]) -> dict[str, Any]:
+    """Return a copy of a protocol's table in which one of its tables or objects is changed."""
+    if name in TABLES:
+        return {**table, name: change(table.get(name, {}))}
+    chosen = [one for one in objects_of(table) if one.get("id") == name]
+    if not chosen:
+        return table
+    return {**table, "object": [change(one) if one in chosen else one for one in table["object"]]}
+
+
+def _put(table: object, dotted: str, value: object, where: str) -> dict[str, Any]:
+    if not isinstance(table, dict):
+        raise StimulusError(f"{where}: '{dotted}' is within {table!r}, which is not a table")
+    first, _, rest = dotted.partition(".")
+    return {**table, first: _put(table.get(first, {}), rest, value, where) if rest else value}
