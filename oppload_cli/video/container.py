@@ -5,14 +5,12 @@ from __future__ import annotations
 import atexit
 import errno
 import math
-import re
 from collections import deque
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
-from itertools import chain, islice, pairwise
+from itertools import chain
 from pathlib import Path
-from statistics import median_low
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -23,6 +21,14 @@ from av.codec.context import Flags
 from oppload_cli.errors import SourceError, cannot_read, reason_of, without_login
 from oppload_cli.files.reading import is_file
 from oppload_cli.processes import cores
+from oppload_cli.video.declared import (
+    declared_end,
+    declared_frames,
+    declared_rate,
+    is_rate_assumed,
+    orientation_of,
+    video_streams,
+)
 from oppload_cli.video.frames import (
     MAX_PIXELS,
     USUAL_BITS,
@@ -51,11 +57,8 @@ if TYPE_CHECKING:
 
 
 Value = TypeVar("Value")
-_GIF_TICKS = 100  # per second; FFmpeg guesses this rate if the times are uneven
-_NO_TIMES = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: a raw stream, which has no times
 _LIVE = "mpjpeg"  # images that a network camera sends one by one over HTTP, without times
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
-_SAMPLED_ENTRIES = 1000  # most entries of an index from which the usual step is taken
 _MOST_DEMUX_ERRORS = 100  # most errors without a packet between them
 # These decoders conceal damage without an error: VP8 with frame threads, because it predicts
 # pictures from failed frames, and MPEG-1 and MPEG-2 with slice threads.
@@ -81,7 +84,6 @@ if av.logging.get_level() is None:  # PyAV counts the decoders' errors only if a
     av.logging.set_level(av.logging.PANIC)  # this level prints no error
     # Otherwise threads of a decoder that was never closed would wait for the ended interpreter.
     atexit.register(av.logging.set_level, None)
-_COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
 # These formats list other files; oppload opens only the file that the user named.
 _PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
@@ -170,10 +172,10 @@ class ContainerSource:
     __del__ = close
 
     def _missing(self) -> int:
-        declared = _declared_frames(self._container, self._stream) or self.facts.frames_declared
+        declared = declared_frames(self._stream) or self.facts.frames_declared
         if declared is not None:
             return max(0, declared - self.decode.decoded)
-        end = _declared_end(self._container, self._stream)
+        end = declared_end(self._container, self._stream)
         if not self.facts.frame_rate or end is None or self._first.pts is None:
             return 0
         rate = float(self.facts.frame_rate)
@@ -221,7 +223,7 @@ class ContainerSource:
     def _video_stream(self, container: InputContainer) -> VideoStream:
         if not self._remote and container.format.name in _PLAYLISTS:
             raise SourceError(f"{self.name}: only names other files; give those files instead")
-        streams = _videos(container)
+        streams = video_streams(container)
         if not streams:
             raise SourceError(f"{self.name}: holds no video stream; give a file with pictures")
         # PyAV's type stubs promise a codec, but a stream with an unknown codec has none.
@@ -446,7 +448,7 @@ class ContainerSource:
 
     def _facts(self) -> InputFacts:
         frame, stream = self._first, self._stream
-        mirrored, rotation = _orientation(frame)
+        mirrored, rotation = orientation_of(frame)
         width, height = turned(frame.width, frame.height, rotation)
         aspect = stream.sample_aspect_ratio
         return InputFacts(
@@ -454,8 +456,8 @@ class ContainerSource:
             kind="stream" if self._remote else "container",
             width=width,
             height=height,
-            frame_rate=None if self._is_live else _rate(stream),
-            frames_declared=_declared_frames(self._container, stream),
+            frame_rate=None if self._is_live else declared_rate(stream),
+            frames_declared=declared_frames(stream),
             mirrored=mirrored,
             rotation=rotation,
             codec=self._codec,
@@ -463,28 +465,9 @@ class ContainerSource:
             colour_range="full" if is_full_range(frame, self._codec) else "limited",
             pixel_aspect=Fraction(aspect) if aspect else None,
             bytes=None if self._remote else self._container.size,
-            rate_assumed=_is_rate_assumed(stream) and not self._is_live,
-            video_streams=len(_videos(self._container)),
+            rate_assumed=is_rate_assumed(stream) and not self._is_live,
+            video_streams=len(video_streams(self._container)),
         )
-
-
-def _videos(container: InputContainer) -> list[VideoStream]:
-    """Return the video streams except cover pictures, which are stored as video streams too."""
-    return [
-        stream
-        for stream in container.streams.video
-        if not stream.disposition.value & _COVER_PICTURE
-    ]
-
-
-def _orientation(frame: VideoFrame) -> tuple[bool, int]:
-    """Return whether a frame must be mirrored, and its turn after that in degrees."""
-    # PyAV's rotation is that of the first axis, which has the opposite direction if mirrored.
-    matrix: Any = frame.side_data.get("DISPLAYMATRIX")
-    terms = np.zeros(9) if matrix is None else np.frombuffer(matrix, np.int32).astype(float)
-    mirrored = bool(terms[0] * terms[4] < terms[1] * terms[3])
-    rotation = (int(frame.rotation) + 180 * mirrored) % 360
-    return mirrored, rotation if rotation % 90 == 0 else 0
 
 
 def _is_transparent(frame: VideoFrame) -> bool:
@@ -513,40 +496,6 @@ def _stored_bits(pixel_format: VideoFormat | None) -> int:
     return pixel_format.padded_bits_per_pixel if pixel_format else USUAL_BITS
 
 
-def _rate(stream: VideoStream) -> Fraction | None:
-    rates = [stream.average_rate, stream.guessed_rate, stream.base_rate]
-    if stream.container.format.name == "gif" and stream.guessed_rate != _GIF_TICKS:
-        rates.insert(0, stream.guessed_rate)  # FFmpeg's average is that of the first few frames
-    if stream.container.format.flags & _NO_TIMES:  # FFmpeg assumes 25; the codec may know better
-        rates.insert(0, stream.codec_context.framerate)
-    ticks = _ticks_per_frame(stream)
-    if ticks > 1 and stream.time_base:
-        rates.insert(0, 1 / (ticks * stream.time_base))
-    return next((Fraction(rate) for rate in rates if rate), None)
-
-
-def _is_rate_assumed(stream: VideoStream) -> bool:
-    """Return whether FFmpeg assumes the rate, because a raw stream states neither rate nor times.
-
-    It takes images one after the other in a pipe for such a stream too.
-    """
-    kind = stream.container.format
-    raw = bool(kind.flags & _NO_TIMES) or kind.name.endswith("_pipe")
-    return raw and not stream.codec_context.framerate
-
-
-def _ticks_per_frame(stream: VideoStream) -> int:
-    """Return the usual number of ticks between two frames of an AVI file; 1 for other files.
-
-    AVI files count in ticks. In most files each tick has a frame. But a program that copies a video
-    from another container may keep that container's fine ticks, and most of these have no frame.
-    """
-    if stream.container.format.name != "avi":
-        return 1
-    times = [entry.timestamp for entry in islice(stream.index_entries, _SAMPLED_ENTRIES)]
-    return max(1, median_low([after - before for before, after in pairwise(times)] or [1]))
-
-
 def _decoder_limit() -> str:
     """Return the value of FFmpeg's option ``max_pixels``.
 
@@ -554,52 +503,3 @@ def _decoder_limit() -> str:
     they compare. The limit stops a stream whose pictures are larger than its container declares.
     """
     return str(min(2 * max_pixels() + (1 << 16), (1 << 31) - 1))
-
-
-def _declared_frames(container: InputContainer, stream: VideoStream) -> int | None:
-    """Return the number of frames that a container declares; None if it is unknown or unreliable.
-
-    The count in the head of MP4 or AVI includes samples that are never shown: those that an edit
-    list hides, and the empty samples with which AVI fills gaps. The index does not count them. The
-    count of IVF is one of ticks.
-    """
-    kind = container.format.name
-    entries = stream.index_entries
-    if kind.startswith("mov") and len(entries):
-        return sum(not entry.is_discard for entry in entries)
-    if kind == "avi":
-        return _declared_by_avi(stream)
-    return (stream.frames or None) if kind.startswith(("mov", "gif", "apng")) else None
-
-
-def _declared_by_avi(stream: VideoStream) -> int | None:
-    entries, ticks = stream.index_entries, _ticks_per_frame(stream)
-    # The index of a truncated file is missing, or FFmpeg made it from the frames read so far.
-    if len(entries) and entries[-1].timestamp + 2 * ticks >= stream.frames:
-        return len(entries)
-    if stream.frames >= _AVI_TO_A_PIPE:
-        return None
-    return -(-stream.frames // ticks) or None
-
-
-def _declared_end(container: InputContainer, stream: VideoStream) -> float | None:
-    """Return the declared end of a stream in seconds, on the clock of its frames.
-
-    None if the container declares no end, or perhaps only the end of the sound.
-    """
-    if not container.format.name.startswith(("matroska", "ivf")):
-        return None  # for other containers FFmpeg only guesses the end
-    tag = _DURATION.match(stream.metadata.get("DURATION", ""))
-    if tag:
-        hours, minutes, seconds = tag.groups()
-        return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
-    if container.format.name == "ivf" and stream.duration == _IVF_TO_A_PIPE:
-        return None
-    if len(container.streams) == 1 and container.duration is not None:
-        return container.duration / av.time_base
-    return None
-
-
-_DURATION = re.compile(r"([0-9]{1,9}):([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]+)?)(?![0-9])")
-# Programs that write to a pipe cannot go back to the head, so that these counts remain there.
-_AVI_TO_A_PIPE, _IVF_TO_A_PIPE = 1 << 30, 0xFFFFFFFF

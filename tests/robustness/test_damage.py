@@ -19,6 +19,7 @@ import pytest
 
 from oppload_cli.errors import SourceError
 from oppload_cli.video import container
+from oppload_cli.video.declared import declared_end
 from oppload_cli.video.source import open_video
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
@@ -321,7 +322,7 @@ def test_a_declared_duration_of_any_length(tag: str, end: float | None) -> None:
         format=SimpleNamespace(name="matroska,webm"), streams=[1], duration=None
     )
     stream: Any = SimpleNamespace(metadata={"DURATION": tag}, duration=None)
-    assert container._declared_end(muxed, stream) == end
+    assert declared_end(muxed, stream) == end
 
 
 @pytest.mark.parametrize("name", ["mpeg4-avi", "ffv1-avi", "av1-ivf", "h264-mkv", "vp9-webm"])

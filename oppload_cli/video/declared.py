@@ -1,0 +1,124 @@
+"""What a container declares about its video: streams, rate, number of frames, end, orientation."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from itertools import islice, pairwise
+from statistics import median_low
+from typing import TYPE_CHECKING, Any
+
+import av
+import numpy as np
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+    from av.video.frame import VideoFrame
+    from av.video.stream import VideoStream
+
+
+_COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
+_GIF_TICKS = 100  # per second; FFmpeg guesses this rate if the times are uneven
+_NO_TIMES = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: a raw stream, which has no times
+_SAMPLED_ENTRIES = 1000  # most entries of an index from which the usual step is taken
+_DURATION = re.compile(r"([0-9]{1,9}):([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]+)?)(?![0-9])")
+# Programs that write to a pipe cannot go back to the head, so that these counts remain there.
+_AVI_TO_A_PIPE, _IVF_TO_A_PIPE = 1 << 30, 0xFFFFFFFF
+
+
+def video_streams(container: InputContainer) -> list[VideoStream]:
+    """Return the video streams except cover pictures, which are stored as video streams too."""
+    return [
+        stream
+        for stream in container.streams.video
+        if not stream.disposition.value & _COVER_PICTURE
+    ]
+
+
+def declared_rate(stream: VideoStream) -> Fraction | None:
+    """Return the frames per second that a container declares; None if it declares no rate."""
+    rates = [stream.average_rate, stream.guessed_rate, stream.base_rate]
+    if stream.container.format.name == "gif" and stream.guessed_rate != _GIF_TICKS:
+        rates.insert(0, stream.guessed_rate)  # FFmpeg's average is that of the first few frames
+    if stream.container.format.flags & _NO_TIMES:  # FFmpeg assumes 25; the codec may know better
+        rates.insert(0, stream.codec_context.framerate)
+    ticks = _ticks_per_frame(stream)
+    if ticks > 1 and stream.time_base:
+        rates.insert(0, 1 / (ticks * stream.time_base))
+    return next((Fraction(rate) for rate in rates if rate), None)
+
+
+def is_rate_assumed(stream: VideoStream) -> bool:
+    """Return whether FFmpeg assumes the rate, because a raw stream states neither rate nor times.
+
+    It takes images one after the other in a pipe for such a stream too.
+    """
+    kind = stream.container.format
+    raw = bool(kind.flags & _NO_TIMES) or kind.name.endswith("_pipe")
+    return raw and not stream.codec_context.framerate
+
+
+def _ticks_per_frame(stream: VideoStream) -> int:
+    """Return the usual number of ticks between two frames of an AVI file; 1 for other files.
+
+    AVI files count in ticks. In most files each tick has a frame. But a program that copies a video
+    from another container may keep that container's fine ticks, and most of these have no frame.
+    """
+    if stream.container.format.name != "avi":
+        return 1
+    times = [entry.timestamp for entry in islice(stream.index_entries, _SAMPLED_ENTRIES)]
+    return max(1, median_low([after - before for before, after in pairwise(times)] or [1]))
+
+
+def declared_frames(stream: VideoStream) -> int | None:
+    """Return the number of frames that a container declares; None if it is unknown or unreliable.
+
+    The count in the head of MP4 or AVI includes samples that are never shown: those that an edit
+    list hides, and the empty samples with which AVI fills gaps. The index does not count them. The
+    count of IVF is one of ticks.
+    """
+    kind = stream.container.format.name
+    entries = stream.index_entries
+    if kind.startswith("mov") and len(entries):
+        return sum(not entry.is_discard for entry in entries)
+    if kind == "avi":
+        return _declared_by_avi(stream)
+    return (stream.frames or None) if kind.startswith(("mov", "gif", "apng")) else None
+
+
+def _declared_by_avi(stream: VideoStream) -> int | None:
+    entries, ticks = stream.index_entries, _ticks_per_frame(stream)
+    # The index of a truncated file is missing, or FFmpeg made it from the frames read so far.
+    if len(entries) and entries[-1].timestamp + 2 * ticks >= stream.frames:
+        return len(entries)
+    if stream.frames >= _AVI_TO_A_PIPE:
+        return None
+    return -(-stream.frames // ticks) or None
+
+
+def declared_end(container: InputContainer, stream: VideoStream) -> float | None:
+    """Return the declared end of a stream in seconds, on the clock of its frames.
+
+    None if the container declares no end, or perhaps only the end of the sound.
+    """
+    if not container.format.name.startswith(("matroska", "ivf")):
+        return None  # for other containers FFmpeg only guesses the end
+    tag = _DURATION.match(stream.metadata.get("DURATION", ""))
+    if tag:
+        hours, minutes, seconds = tag.groups()
+        return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
+    if container.format.name == "ivf" and stream.duration == _IVF_TO_A_PIPE:
+        return None
+    if len(container.streams) == 1 and container.duration is not None:
+        return container.duration / av.time_base
+    return None
+
+
+def orientation_of(frame: VideoFrame) -> tuple[bool, int]:
+    """Return whether a frame must be mirrored, and its turn after that in degrees."""
+    # PyAV's rotation is that of the first axis, which has the opposite direction if mirrored.
+    matrix: Any = frame.side_data.get("DISPLAYMATRIX")
+    terms = np.zeros(9) if matrix is None else np.frombuffer(matrix, np.int32).astype(float)
+    mirrored = bool(terms[0] * terms[4] < terms[1] * terms[3])
+    rotation = (int(frame.rotation) + 180 * mirrored) % 360
+    return mirrored, rotation if rotation % 90 == 0 else 0
