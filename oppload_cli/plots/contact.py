@@ -25,7 +25,7 @@ from oppload_cli.plots.style import (
     wrapped,
 )
 from oppload_cli.reference import AngularThreshold, angular_thresholds
-from oppload_cli.results.reading import check_numbers
+from oppload_cli.results.cells import check_numbers
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.tables import Display
 

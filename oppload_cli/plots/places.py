@@ -12,7 +12,8 @@ from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_named, detectors, placing_detector
 from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure, wrapped
 from oppload_cli.results.alarms import times
-from oppload_cli.results.reading import check_numbers, find_video, result_threshold
+from oppload_cli.results.cells import check_numbers
+from oppload_cli.results.reading import find_video, result_threshold
 from oppload_cli.results.table import SIDECAR
 from oppload_cli.results.truths import usable_truth
 from oppload_cli.video.inputs import Position, Span

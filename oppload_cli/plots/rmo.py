@@ -19,7 +19,7 @@ from oppload_cli.plots.style import (
     styled_figure,
     wrapped,
 )
-from oppload_cli.results.reading import check_numbers
+from oppload_cli.results.cells import check_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

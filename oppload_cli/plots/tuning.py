@@ -40,7 +40,7 @@ from oppload_cli.plots.style import (
     wrapped,
     write_title,
 )
-from oppload_cli.results.reading import check_numbers
+from oppload_cli.results.cells import check_numbers
 from oppload_cli.stimulus.catalogue import in_toml
 
 if TYPE_CHECKING:

@@ -11,12 +11,8 @@ from oppload_cli.errors import OpploadError, printable
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.results.alarms import NEAR_CONTACT, uncounted
-from oppload_cli.results.reading import (
-    check_numbers,
-    check_schema,
-    read_detections,
-    result_threshold,
-)
+from oppload_cli.results.cells import check_numbers
+from oppload_cli.results.reading import check_schema, read_detections, result_threshold
 from oppload_cli.results.truths import find_truth
 from oppload_cli.version import __version__
 

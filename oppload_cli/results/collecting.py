@@ -14,7 +14,8 @@ from oppload_cli.files.reading import is_file, is_folder, reading
 from oppload_cli.files.tables import open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.reading import check_detectors, check_frames, kind_of_column, read_table
+from oppload_cli.results.cells import check_frames, kind_of_column, read_table
+from oppload_cli.results.reading import check_detectors
 from oppload_cli.results.table import (
     SIDECAR,
     TABLE,

@@ -3,44 +3,40 @@
 from __future__ import annotations
 
 import json
-import os
-import re
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from io import BufferedReader, RawIOBase, StringIO, TextIOWrapper
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from oppload_cli.detection.alarm import Alarm
 from oppload_cli.detection.parameters import AlarmParams, alarm_params
-from oppload_cli.errors import OpploadError, ResultError, SourceError, reason_of
+from oppload_cli.errors import OpploadError, ResultError, SourceError
 from oppload_cli.files.atomic import part_of
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.models.registry import default_names, detector_named, known_names
+from oppload_cli.results.cells import (
+    ANOTHER_RESULT,
+    LARGEST,
+    check_filled,
+    check_frames,
+    check_numbers,
+    need_columns,
+    read_table,
+)
 from oppload_cli.results.table import DETECTIONS, SCHEMA, SIDECAR, TABLE, columns_for
-from oppload_cli.video.inputs import NUMBER, is_camera, is_video
+from oppload_cli.video.inputs import NUMBER, is_camera
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
 
 _SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
-CHUNK = 1 << 16  # bytes
 NOTHING = 1e-6  # share of the alarm's floor; a smaller response may be a rounding error
-_COUNTS = ("frame", "flow_vectors", "rom_pairs")
-_TEXTS = ("blind",)
-_ALARM = "_alarm"  # end of the names of columns with alarms
-# Largest number that is read. The largest of a detector is a product of four sums over quarters of
-# the frame: about 1e19 at a height of 600 px, and 1e29 at 8192 px.
-_LARGEST = 1e30
-_NO_TABLES = (".json", ".jsonl", ".toml")  # sidecars, detections and settings lie beside tables
-_ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
 
 
@@ -100,7 +96,7 @@ class BaseResult:
         )
         for name in columns:
             of_detector = models and name.endswith("_response")
-            _need(self.path, self.frames, [name], other if of_detector else _ANOTHER_RESULT)
+            need_columns(self.path, self.frames, [name], other if of_detector else ANOTHER_RESULT)
 
     def need_responses(self, models: Sequence[str]) -> None:
         """Raise a ResultError if there is one frame, or if a detector responded to no frame."""
@@ -199,7 +195,7 @@ def read_result(
         If the result cannot be read, or is not a result of ``oppload run``.
     """
     ends = ("frame", "time_s", "_response", *needed)
-    frames = read_table(path, _ANOTHER_RESULT, lambda name: name.endswith(ends))
+    frames = read_table(path, ANOTHER_RESULT, lambda name: name.endswith(ends))
     result = BaseResult(path, frames, _sidecar(_beside(path)))
     result.need(("frame", "time_s"))
     if not result.models:
@@ -248,82 +244,9 @@ def _is_detection(found: Any) -> bool:
         return False
     required = [found.get(key) for key in ("frame", "x", "y", "width", "height")]
     return None not in required and all(
-        value is None or (isinstance(value, int | float) and abs(value) <= _LARGEST)  # not NaN
+        value is None or (isinstance(value, int | float) and abs(value) <= LARGEST)  # not NaN
         for value in found.values()
     )
-
-
-def read_table(
-    path: Path, advice: str, wanted: Callable[[str], bool] | None = None
-) -> pd.DataFrame:
-    """Read a table without checking its cells; empty cells are NaN.
-
-    Parameters
-    ----------
-    path : Path
-        The CSV file; its last row may be cut.
-    advice : str
-        What the user can do if the file is not a table.
-    wanted : callable, optional
-        Returns whether to read the column of a name; by default all columns are read.
-
-    Raises
-    ------
-    ResultError
-        If the file cannot be read, is not a CSV table, or has no row.
-    """
-    if is_video(path.name) and path.exists():
-        raise ResultError(f"{path}: is a video, not a result; run it first with 'oppload run'")
-    if path.suffix in _NO_TABLES and path.exists():
-        raise ResultError(f"{path}: is not a CSV table; {advice}")
-    with reading(path, ResultError, form="text in UTF-8", repair=advice):
-        try:
-            with _complete_lines(path) as lines:
-                # Only empty cells count as missing. The word "nan" is an error in a result.
-                table = pd.read_csv(lines, keep_default_na=False, na_values=[""], usecols=wanted)
-        except UnicodeDecodeError:
-            raise
-        except ValueError as error:  # all errors of pandas' parser are ValueErrors
-            reason = reason_of(error)
-            if "out of memory" in reason:  # the parser raises no MemoryError
-                raise MemoryError(reason) from error
-            uneven = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
-            if uneven:
-                cells, line, found = uneven.groups()
-                reason = f"line {line} has {found} cells, not {cells}"
-            raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
-    if table.empty and len(table.columns):  # without columns, the caller names a missing column
-        raise ResultError(f"{path}: holds no row; run the input again")
-    return table
-
-
-def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None:
-    """Check the cells of ``frame``, ``time_s`` and the columns `names` in the table `frames`.
-
-    Raises
-    ------
-    ResultError
-        If a cell is not a finite number, a count is not an integer, or an alarm is neither 0 nor 1,
-        or if frame numbers or times do not increase. The message names `path` and the line.
-    """
-    _need(path, frames, ("frame", "time_s"), _ANOTHER_RESULT)
-    for name in ("frame", "time_s", *sorted(set(names) - {"frame", "time_s", *_TEXTS})):
-        values = check_numbers(path, frames, name)
-        alarm = name.endswith(_ALARM)
-        if alarm or name in {"frame", "time_s"}:
-            _check_filled(path, name, values, "run it again")
-        if alarm:
-            _refuse(path, frames, name, ~np.isin(values, (0, 1)), "is neither 0 nor 1")
-        elif kind_of_column(name) is int:
-            _refuse(path, frames, name, values % 1 > 0, "is not an integer")
-        if name in {"frame", "time_s"}:
-            back = np.diff(values, prepend=-np.inf) <= 0
-            _refuse(path, frames, name, back, "is not above the value in the row before")
-
-
-def kind_of_column(name: str) -> type:
-    """Return the type of a column's values: int (counts and alarms), str (words) or float."""
-    return int if name in _COUNTS or name.endswith(_ALARM) else str if name in _TEXTS else float
 
 
 def title_and_input(result: BaseResult | Path) -> tuple[str, str]:
@@ -384,7 +307,7 @@ def read_tuning(path: str | Path) -> Tuning:
     """
     path = Path(path)
     rows = read_table(path, _ANOTHER_TUNING)
-    _need(path, rows, ("stimulus", "model", "peak"), _ANOTHER_TUNING)
+    need_columns(path, rows, ("stimulus", "model", "peak"), _ANOTHER_TUNING)
     names = list(rows.columns)
     parameters = tuple(names[1 : names.index("model")])
     if not parameters:
@@ -395,82 +318,8 @@ def read_tuning(path: str | Path) -> Tuning:
     if unknown:
         raise _unknown_detector(path, unknown[0])
     peaks = check_numbers(path, rows, "peak")
-    _check_filled(path, "peak", peaks, "make the stimulus longer than the warm-up of the detector")
+    check_filled(path, "peak", peaks, "make the stimulus longer than the warm-up of the detector")
     return Tuning(path, rows, parameters, _sidecar(path.with_suffix(".json")))
-
-
-def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.float64]:
-    """Return the numbers of a column of a table, NaN for empty cells.
-
-    Raises
-    ------
-    ResultError
-        If a cell is neither empty nor a finite number. The message names `path` and the line.
-    """
-    cells = table[name]
-    if cells.dtype in (object, bool):  # pandas keeps very long integers, and words, as they are
-        cells = cells.where(cells.isna(), cells.astype(str))
-    values = np.asarray(pd.to_numeric(cells, errors="coerce"), float)
-    bad = cells.notna().to_numpy() & ~(np.abs(values) <= _LARGEST)
-    _refuse(path, table, name, bad, "is not a finite number")
-    return values
-
-
-def _refuse(path: Path, table: pd.DataFrame, name: str, bad: NDArray[np.bool_], why: str) -> None:
-    """Raise a ResultError that names the first bad cell of a column, if there is one."""
-    if bad.any():
-        row = int(bad.argmax())
-        raise ResultError(
-            f"{path}: column '{name}' holds '{str(table[name].iloc[row])[:40]}' in line {row + 2}, "
-            f"which {why}; make the file again"
-        )
-
-
-def _check_filled(path: Path, name: str, values: NDArray[np.float64], advice: str) -> None:
-    empty = np.isnan(values)
-    if empty.any():
-        line = int(empty.argmax()) + 2
-        raise ResultError(f"{path}: column '{name}' is empty in line {line}; {advice}")
-
-
-def _need(path: Path, table: pd.DataFrame, columns: Sequence[str], advice: str) -> None:
-    for name in columns:
-        if name not in table.columns:
-            raise ResultError(f"{path}: has no column '{name}'; {advice}")
-
-
-class _Beginning(RawIOBase):
-    """The first `size` bytes of a file."""
-
-    def __init__(self, file: IO[bytes], size: int) -> None:
-        self._file, self._unread = file, size
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        chunk = self._file.read(min(len(buffer), self._unread))
-        buffer[: len(chunk)] = chunk
-        self._unread -= len(chunk)
-        return len(chunk)
-
-
-@contextmanager
-def _complete_lines(path: Path) -> Iterator[IO[str]]:
-    """Open a file without its last line if that is cut; it may be very large or still grow."""
-    if not is_file(path):  # the end of a pipe cannot be found before all was read
-        yield StringIO(text_of(path, pipes=True))
-        return
-    with path.open("rb") as file:
-        size = end = file.seek(0, os.SEEK_END)
-        tail = b""
-        while end and b"\n" not in tail:
-            end = max(0, end - CHUNK)
-            file.seek(end)
-            tail = file.read(min(CHUNK, size - end))
-        file.seek(0)
-        complete = _Beginning(file, end + tail.rfind(b"\n") + 1)
-        yield TextIOWrapper(BufferedReader(complete), encoding="utf-8", newline="")
 
 
 def _sidecar(path: Path) -> dict[str, Any]:

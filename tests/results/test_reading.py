@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import ResultError
-from oppload_cli.results.reading import check_numbers, read_result
+from oppload_cli.results.cells import check_numbers
+from oppload_cli.results.reading import read_result
 from tests.results.make import frame_rows, write_rows
 
 if TYPE_CHECKING:

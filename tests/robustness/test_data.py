@@ -20,7 +20,7 @@ from oppload_cli.errors import ParameterError, ResultError, ShortageError, Sourc
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.reading import content_of
 from oppload_cli.plots.style import wrapped
-from oppload_cli.results import reading
+from oppload_cli.results import cells
 from oppload_cli.results.reading import read_result
 from oppload_cli.schema import parsed_fraction
 from oppload_cli.video.inputs import found_inputs
@@ -121,7 +121,7 @@ def test_only_the_needed_columns_and_the_complete_lines_are_read(
     part = tmp_path / "clip.frames.csv.part"
     text = result.read_bytes()
     for size in (1, 7, 1 << 16):
-        monkeypatch.setattr(reading, "CHUNK", size)
+        monkeypatch.setattr(cells, "CHUNK", size)
         part.write_bytes(text[:-5])
         assert len(read_result(part).frames) == 11
 
