@@ -103,8 +103,8 @@ def evaluate(
     """
     from oppload_cli.evaluation import evaluate as evaluation
     from oppload_cli.evaluation.detectors import evaluated_detectors
-    from oppload_cli.evaluation.manifest import clips_of
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
+    from oppload_cli.evaluation.stimuli import clips_of
 
     detectors = evaluated_detectors(names_in(models), repeats, assignments)
     read = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
