@@ -12,7 +12,7 @@ from oppload_cli.evaluation.metrics.alarms import AT_ONE, HELD_OUT, RATES, SHIPP
 from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S
 from oppload_cli.evaluation.metrics.intervals import LEVEL, RULE_OF_THREE, SEED
 from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
-from oppload_cli.evaluation.page import NOTHING, number, page_of
+from oppload_cli.evaluation.page import NO_VALUE, number, page_of
 from oppload_cli.evaluation.plots import PLOTS, figure_of
 from oppload_cli.files.atomic import PartFile, output_errors, remove, write_atomic
 from oppload_cli.files.tables import open_table
@@ -133,7 +133,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
                 found.get((each.name, measure, condition))
                 for measure in ("detection_rate", "lead_time_s", "false_alarms_per_minute")
             )
-            detected = NOTHING
+            detected = NO_VALUE
             if rate and rate.n:
                 detected = f"{rate.value * rate.n:.0f} of {rate.n}{_interval(rate)}"
             yield (
@@ -150,7 +150,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
         one.value == 0 and (one.measure, one.condition) == ("false_alarms_per_minute", SHIPPED)
         for one in evaluation.measurements
     ):
-        bound = number(RULE_OF_THREE / minutes) if minutes else NOTHING
+        bound = number(RULE_OF_THREE / minutes) if minutes else NO_VALUE
         yield (
             f"A detector without a false alarm in {number(minutes)} minutes may still have up to "
             f"{bound} per minute (the rule of three, 95 %)."

@@ -178,7 +178,7 @@ INTERVALS = (
 )
 
 
-NOTHING = "\N{EN DASH}"
+NO_VALUE = "\N{EN DASH}"
 # Columns of the summary: title, measure, condition.
 _HEADLINE = (
     ("detected", "detection_rate", "at 1 per minute"),
@@ -216,7 +216,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         intervals=INTERVALS,
         label_of=label_of,
         number=number,
-        nothing=NOTHING,
+        nothing=NO_VALUE,
         strip_size=(_WIDTH, _HEIGHT),
     )
 
@@ -227,7 +227,7 @@ def number(value: float | None) -> str:
     None and NaN become a dash.
     """
     if value is None or math.isnan(value):
-        return NOTHING
+        return NO_VALUE
     if math.isinf(value):
         return "∞"
     if abs(value) >= 99.95:

@@ -330,6 +330,11 @@ def alarm_floor_of(name: str, preset: str = DEFAULT_PRESET) -> float:
     return floors.get(preset, floors[DEFAULT_PRESET])
 
 
+def is_rounding_error(response: float, floor: float) -> bool:
+    """Return whether a response is less than a millionth of an alarm's floor."""
+    return response < 1e-6 * floor
+
+
 def _columns_of(detector: type[Detector]) -> tuple[str, ...]:
     return tuple(each.name for each in columns_of(detector, details=True, degrees=True))
 

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from matplotlib.transforms import ScaledTranslation
 
 from oppload_cli.errors import ResultError
-from oppload_cli.models.registry import alarm_floor_of, detector_named
+from oppload_cli.models.registry import alarm_floor_of, detector_named, is_rounding_error
 from oppload_cli.plots.style import (
     COLUMN,
     FAINT,
@@ -30,7 +30,6 @@ from oppload_cli.plots.style import (
     write_title,
 )
 from oppload_cli.reference import BAR_WIDTHS, bar_tuning
-from oppload_cli.results.reading import NOTHING
 from oppload_cli.stimulus.catalogue import entries
 
 if TYPE_CHECKING:
@@ -219,7 +218,9 @@ def _of_detector(
         raise ResultError(f"{tuning.path}: column 'model' never holds '{detector}'; leave it out")
     angles, values = rows[direction].to_numpy(float), rows["peak"].to_numpy(float)
     preset = tuning.sidecar.get("preset")
-    if isinstance(preset, str) and values.max() < NOTHING * alarm_floor_of(detector, preset):
+    if isinstance(preset, str) and is_rounding_error(
+        values.max(), alarm_floor_of(detector, preset)
+    ):
         values = np.zeros_like(values)
     angles, values = (full_circle if tuning.symmetric else _in_order)(angles, values)
     shown = detector_named(detector)

@@ -10,7 +10,7 @@ import numpy as np
 from oppload_cli.errors import OpploadError, printable
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
-from oppload_cli.results.alarms import NEAR_CONTACT, uncounted
+from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import check_schema, read_detections, result_threshold
 from oppload_cli.results.truths import find_truth
@@ -131,7 +131,7 @@ class Content:
             known = blind if isinstance(blind, bool | str) else None
             return f", {uncounted(known, beside_alarms=bool(alarms))}"
         if best.peak <= 1 and any(each.contact_s is not None for each in alarms):
-            return f", {NEAR_CONTACT}"
+            return f", {ENOUGH_BEFORE_CONTACT}"
         return ""
 
     @property

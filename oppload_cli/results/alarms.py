@@ -98,7 +98,7 @@ class Verdict(NamedTuple):
         elif self.strongest <= 1:
             best = max(self.alarms, key=lambda each: each.peak_over_threshold)
             largest += {
-                True: f", {NEAR_CONTACT}",
+                True: f", {ENOUGH_BEFORE_CONTACT}",
                 False: ", but above the threshold when the alarm began",
                 None: "",
             }[best.near_contact]
@@ -117,7 +117,8 @@ class Verdict(NamedTuple):
         return f", peak at {times(peak)} of the threshold" if peak else ""
 
 
-NEAR_CONTACT = "which is enough shortly before contact"  # of a response below the threshold
+# The end of a sentence about a response below the threshold.
+ENOUGH_BEFORE_CONTACT = "which is enough shortly before contact"
 _CAUSES = {
     "start": "it came at the start",
     "cut": "it came at a cut or a flash",

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
-NOTHING = 1e-6  # share of the alarm's floor; a smaller response may be a rounding error
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
 
 

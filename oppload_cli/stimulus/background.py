@@ -289,8 +289,8 @@ def _surroundings(kind: str, seed: int, camera_m: float) -> _Surroundings:
 # ---- Surfaces ------------------------------------------------------------------------------
 
 
-def _noise(random: Random, exponent: float = 1.0, finest: float = 3.0) -> Picture:
-    return noise_tile(_SIDE, exponent, finest, random)
+def _noise(random: Random, exponent: float = 1.0) -> Picture:
+    return noise_tile(_SIDE, exponent, 3.0, random)
 
 
 def _repeated(values: Floats | Picture) -> Texture:

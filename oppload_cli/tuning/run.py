@@ -16,9 +16,9 @@ from oppload_cli.environment import environment
 from oppload_cli.errors import OpploadError
 from oppload_cli.files.atomic import PartFile, write_atomic
 from oppload_cli.files.tables import formatted
-from oppload_cli.models.registry import alarm_floor_of, detector_named
+from oppload_cli.models.registry import alarm_floor_of, detector_named, is_rounding_error
 from oppload_cli.processes.pool import results
-from oppload_cli.results.reading import NOTHING, direction_of
+from oppload_cli.results.reading import direction_of
 from oppload_cli.results.table import write_sidecar
 from oppload_cli.stimulus.kinematics import motion_times
 from oppload_cli.stimulus.renderer import Renderer
@@ -163,7 +163,7 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
     for name in settings.models:
         peak = max(each.measures[name].peak or 0 for each in conditions)
         floor = alarm_floor_of(name, settings.preset)
-        if peak < NOTHING * floor:
+        if is_rounding_error(peak, floor):
             yield Doubt(
                 name,
                 "below a millionth of its floor",

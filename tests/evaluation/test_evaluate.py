@@ -15,7 +15,7 @@ import pytest
 
 from oppload_cli.evaluation.metrics.intervals import Measurement
 from oppload_cli.evaluation.output import FILES, printed_table
-from oppload_cli.evaluation.page import MEASURES, NOTHING, number
+from oppload_cli.evaluation.page import MEASURES, NO_VALUE, number
 from tests.cli import inside
 from tests.cli.inside import run
 from tests.cli.process import oppload
@@ -80,8 +80,8 @@ def test_a_rate_that_is_not_determined_is_a_dash() -> None:
         measurements=measurements, clips=(), detectors=[SimpleNamespace(name="dlgmd")]
     )
     _, _, shipped, _, chosen, *_ = printed_table(told)
-    assert shipped.split() == ["D-LGMD", "2", "of", "4", "(0.1", "to", "0.9)", NOTHING, NOTHING]
-    assert chosen.split() == ["D-LGMD", NOTHING, NOTHING, NOTHING]
+    assert shipped.split() == ["D-LGMD", "2", "of", "4", "(0.1", "to", "0.9)", NO_VALUE, NO_VALUE]
+    assert chosen.split() == ["D-LGMD", NO_VALUE, NO_VALUE, NO_VALUE]
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:

@@ -50,7 +50,6 @@ class Estimate(NamedTuple):
 def draws_of(
     looming: Sequence[bool],
     count: int = DRAWS,
-    seed: int = SEED,
     *,
     videos: Sequence[int] | NDArray[np.int64] | None = None,
 ) -> Weights:
@@ -62,8 +61,6 @@ def draws_of(
         Whether an object approaches in each clip.
     count : int
         Number of draws.
-    seed : int
-        Seed of the random numbers.
     videos : sequence of int, optional
         The number of each clip's video; if left out, each clip is a video. Clips of one video are
         drawn together.
@@ -73,7 +70,7 @@ def draws_of(
     ndarray of int, shape (count, clips)
         How often each draw contains each clip.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(SEED)
     numbers = np.arange(len(looming)) if videos is None else np.asarray(videos)
     weights = np.zeros((count, len(looming)), np.int64)
     for kind in (True, False):
