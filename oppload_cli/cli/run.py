@@ -20,7 +20,7 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.files.reading import text_of
 from oppload_cli.models.presets import DEFAULT_PRESET, NATIVE, PRESETS, preset_in
 from oppload_cli.schema import parsed_fraction
-from oppload_cli.video.inputs import Position, Span, parse_position
+from oppload_cli.video.inputs import HIGHEST_RATE, Position, Span, parse_position
 from oppload_cli.video.opening import Opening, is_video_file
 
 
@@ -157,9 +157,9 @@ def _rate(text: str) -> Fraction:
         rate = parsed_fraction(text)
     except (ValueError, ZeroDivisionError):
         rate = Fraction(0)
-    if not Fraction(1, 1_000_000) <= rate <= 100_000:
+    if not Fraction(1, 1_000_000) <= rate <= HIGHEST_RATE:
         raise ParameterError(
             f"--image-rate must be a number above 0 such as 30 or 30000/1001, from 0.000001 to "
-            f"100000, not '{text[:80]}'"
+            f"{HIGHEST_RATE}, not '{text[:80]}'"
         )
     return rate

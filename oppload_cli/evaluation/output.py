@@ -16,6 +16,7 @@ from oppload_cli.evaluation.page import NO_VALUE, number, page_of
 from oppload_cli.evaluation.plots import PLOTS, figure_of
 from oppload_cli.files.atomic import PartFile, output_errors, remove, write_atomic
 from oppload_cli.files.tables import open_table
+from oppload_cli.models.detector import Box
 from oppload_cli.plots.style import image_bytes
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 _SCHEMA = "oppload.evaluation/1"
 _DPI = 160  # of the plots
-_SIDES = "x", "y", "width", "height"
 # The files name the column of detectors "contender", on which users' programs depend.
 _COLUMNS: dict[str, dict[str, type]] = {
     "evaluation.csv": {
@@ -49,7 +49,7 @@ _COLUMNS: dict[str, dict[str, type]] = {
         "contender": str,
         "response": float,
         "alarm": bool,
-        **dict.fromkeys(_SIDES, float),
+        **dict.fromkeys(Box._fields, float),
         "evidence": float,
     },
     "windows.csv": {
@@ -206,7 +206,7 @@ def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
                     "contender": name,
                     "response": float(response),
                     "alarm": None if alarm is None or math.isnan(response) else bool(alarm[frame]),
-                    **dict(zip(_SIDES, winner, strict=True)),
+                    **dict(zip(Box._fields, winner, strict=True)),
                     "evidence": float(output.evidence[frame]),
                 }
 

@@ -31,7 +31,7 @@ from oppload_cli.models.registry import detector_named, loaded
 from oppload_cli.models.timebase import FRAME, TimeParams
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.repeats import Repeats
-from oppload_cli.pipeline.settings import ALL
+from oppload_cli.pipeline.settings import ALL_COLUMNS
 from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, exists_already
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
@@ -240,7 +240,7 @@ class _Run:
         columns = columns_for(
             settings.models,
             rmo=settings.measure_rmo,
-            details=settings.columns == ALL,
+            details=settings.columns == ALL_COLUMNS,
             degrees=self._optics is not None,
             presets=(settings.preset,),
         )

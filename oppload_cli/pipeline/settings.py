@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 
 _COMMAND_LINE = "command line"
-_USUAL, ALL = "usual", "all"  # values of the setting `columns`; `ALL` also stands for all models
+_USUAL, ALL_COLUMNS = "usual", "all"  # values of the setting `columns`
 _TOP_LEVEL = ("preset", "models", "height", "fov", "measure_rmo", "columns")
 
 
@@ -329,8 +329,8 @@ def _yes_or_no(value: object) -> bool:
 
 
 def _columns(value: object) -> str:
-    if value not in (_USUAL, ALL):  # a tuple: the value of a file may be a list
-        raise ParameterError(f"columns must be '{_USUAL}' or '{ALL}', not {value!r}")
+    if value not in (_USUAL, ALL_COLUMNS):  # a tuple: the value of a file may be a list
+        raise ParameterError(f"columns must be '{_USUAL}' or '{ALL_COLUMNS}', not {value!r}")
     return str(value)
 
 

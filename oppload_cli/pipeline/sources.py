@@ -25,6 +25,7 @@ from oppload_cli.video.frames import (
     Picture,
     WorkingSize,
 )
+from oppload_cli.video.inputs import HIGHEST_RATE
 from oppload_cli.video.luminance import Luminance
 from oppload_cli.video.source import open_video
 
@@ -39,9 +40,6 @@ if TYPE_CHECKING:
     Frames = NDArray[Any]
     Source = str | Path | FrameSource | Protocol | Frames | Sequence[Frames]
     Times = Sequence[float] | NDArray[np.floating[Any] | np.integer[Any]]
-
-
-_HIGHEST_RATE = 100_000  # frames/s
 
 
 class ArrayLuminance:
@@ -147,7 +145,7 @@ class _ArrayVideo(_Drawn):
             self._times_s = _checked_times(times, count)
             steps = np.diff(self._times_s)
             usual_s = float(np.median(steps)) if len(steps) else 0.0
-            if declared is None and usual_s * _HIGHEST_RATE >= 1:
+            if declared is None and usual_s * HIGHEST_RATE >= 1:
                 declared = checked_rate(1 / usual_s)
         elif declared is not None:
             self._times_s = [float(index / declared) for index in range(count)]
@@ -184,9 +182,9 @@ def checked_rate(rate: float | Fraction | None) -> Fraction | None:
     if rate is None:
         return None
     given: object = rate  # a caller may give a text, in spite of the type
-    if not isinstance(given, Real) or not 0 < rate <= _HIGHEST_RATE:
+    if not isinstance(given, Real) or not 0 < rate <= HIGHEST_RATE:
         raise ParameterError(
-            f"rate must be a number above 0 and at most {_HIGHEST_RATE} frames/s, not {rate!r}"
+            f"rate must be a number above 0 and at most {HIGHEST_RATE} frames/s, not {rate!r}"
         )
     exact = rate if isinstance(rate, Fraction) else Fraction(float(rate))
     return exact.limit_denominator(1 << 16) or exact  # a rate below 1 / 2^17 would become 0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from oppload_cli.errors import OpploadError, printable
+from oppload_cli.models.detector import Box
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted
@@ -257,7 +258,7 @@ def _boxes(result: BaseResult, name: str) -> _Boxes:
 
 
 _DETECTION = (
-    *("x", "y", "width", "height"),
+    *Box._fields,
     *("centre_x", "centre_y", "id", "alarm", "time_to_contact_s"),
 )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import printable
 from oppload_cli.files.tables import open_table
+from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_named, known_names
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
     from oppload_cli.results.table import FrameRecord
 
-_SIDES = "x", "y", "width", "height"
 ALARM_COLUMNS: dict[str, type] = {  # of alarms.csv
     "video": str,
     "model": str,
@@ -24,7 +24,7 @@ ALARM_COLUMNS: dict[str, type] = {  # of alarms.csv
     "start_s": float,
     "end_s": float,
     "peak_over_threshold": float,
-    **dict.fromkeys(_SIDES, float),
+    **dict.fromkeys(Box._fields, float),
     "time_to_contact_s": float,
 }
 
@@ -233,7 +233,7 @@ def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
 def _row(video: str, model: str, alarm: _AlarmEvent) -> dict[str, Any]:
     row = {"video": printable(video), "model": model, **asdict(alarm)}
     box = row.pop("box") or [None] * 4
-    return row | dict(zip(_SIDES, box, strict=True))
+    return row | dict(zip(Box._fields, box, strict=True))
 
 
 def _rows_in(path: Path) -> list[dict[str, Any]]:

@@ -15,6 +15,7 @@ from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import OpploadError, ResultError, SourceError
 from oppload_cli.files.atomic import part_of
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
+from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import default_names, detector_named, known_names
 from oppload_cli.results.cells import (
     ANOTHER_RESULT,
@@ -241,7 +242,7 @@ def read_detections(table: Path) -> list[dict[str, Any]] | None:
 def _is_detection(found: Any) -> bool:
     if not isinstance(found, dict):
         return False
-    required = [found.get(key) for key in ("frame", "x", "y", "width", "height")]
+    required = [found.get(key) for key in ("frame", *Box._fields)]
     return None not in required and all(
         value is None or (isinstance(value, int | float) and abs(value) <= LARGEST)  # not NaN
         for value in found.values()

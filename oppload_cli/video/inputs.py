@@ -42,7 +42,7 @@ _NUMBERED = re.compile(r"[0-9]\.[^.]+$")  # frame_0001.png
 _CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
 _LONGEST_STEM = 200  # bytes; a complete file name may have 255
 _SHOWN = 3  # most names in a sentence
-_HIGHEST_RATE = 100_000  # frames/s of images
+HIGHEST_RATE = 100_000  # frames/s
 
 
 class _Found(NamedTuple):
@@ -228,7 +228,7 @@ def rate_beside(name: str) -> Fraction | None:
         rate = Fraction(json.loads(text_of(truth_beside(name)))["display"]["frame_rate"])
     except (OSError, ValueError, TypeError, KeyError, ZeroDivisionError, RecursionError):
         return None  # a run says why a ground truth that exists cannot be used
-    return rate if 0 < rate <= _HIGHEST_RATE else None
+    return rate if 0 < rate <= HIGHEST_RATE else None
 
 
 def result_stem(name: str, folder: str = "") -> str:
