@@ -95,7 +95,7 @@ def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None
         if alarm:
             _refuse(path, frames, name, ~np.isin(values, (0, 1)), "is neither 0 nor 1")
         elif kind_of_column(name) is int:
-            _refuse(path, frames, name, values % 1 > 0, "is not an integer")
+            _refuse(path, frames, name, values % 1 > 0, "is not a whole number")
         if name in {"frame", "time_s"}:
             back = np.diff(values, prepend=-np.inf) <= 0
             _refuse(path, frames, name, back, "is not above the value in the row before")

@@ -65,7 +65,7 @@ def key_of(
 
 def _meant(word: str, table: Mapping[str, Any], sweep: Collection[str]) -> list[str]:
     """Return the keys that a word may mean: the only key that is swept, or keys with a value."""
-    objects = objects_of(table)
+    objects = _objects_of(table)
 
     def keys(patterns: tuple[str, ...]) -> list[str]:
         return [pattern.format(id=one.get("id")) for one in objects for pattern in patterns]
@@ -81,7 +81,7 @@ def _meant(word: str, table: Mapping[str, Any], sweep: Collection[str]) -> list[
     return [key for key in dict.fromkeys(keys(WORDS[word])) if value_at(table, key) is not None]
 
 
-def objects_of(table: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _objects_of(table: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the objects in the table of a protocol that has not been checked."""
     listed = table.get("object", [])
     return [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
@@ -90,7 +90,7 @@ def objects_of(table: Mapping[str, Any]) -> list[dict[str, Any]]:
 def value_at(table: Mapping[str, Any], key: str) -> Any:
     """Return the value of a dotted key in the table of a protocol, or None."""
     first, *rest = key.split(".")
-    value = next((one for one in objects_of(table) if one.get("id") == first), table.get(first))
+    value = next((one for one in _objects_of(table) if one.get("id") == first), table.get(first))
     for word in rest:
         value = value.get(word) if isinstance(value, dict) else None
     return value
@@ -112,7 +112,7 @@ def with_value(
     first, _, rest = dotted.partition(".")
     if dotted in {_SEED, "description", "source", "tags"}:
         return {**table, dotted: value}
-    owners = (*TABLES, *(str(one.get("id")) for one in objects_of(table)))
+    owners = (*TABLES, *(str(one.get("id")) for one in _objects_of(table)))
     if first not in owners or not rest:
         hint = suggestion(first, (*owners, _SEED)) if rest else ""
         if "did you mean" not in hint:
@@ -138,7 +138,7 @@ def _with_owner(table: dict[str, Any], name: str, change: Callable[[Any], Any]) 
     """Return a copy of a protocol's table in which one of its tables or objects is changed."""
     if name in TABLES:
         return {**table, name: change(table.get(name, {}))}
-    chosen = [one for one in objects_of(table) if one.get("id") == name]
+    chosen = [one for one in _objects_of(table) if one.get("id") == name]
     if not chosen:
         return table
     return {**table, "object": [change(one) if one in chosen else one for one in table["object"]]}

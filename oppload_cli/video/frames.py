@@ -336,7 +336,7 @@ class WorkingSize(NamedTuple):
         """
         if height is not None and not is_integer(height, 1):
             raise ParameterError(
-                f"the working height must be None or an integer of at least 1, not {height!r}"
+                f"the working height must be None or a whole number of at least 1, not {height!r}"
             )
         if height is None:
             size = cls(facts.width, facts.height, 1.0, 1.0)
@@ -400,7 +400,7 @@ def max_pixels() -> int:
     text = os.environ.get(MAX_PIXELS, str(DEFAULT_MAX_PIXELS))
     if not (text.isascii() and text.isdigit() and len(text) <= 10 and 1 <= int(text) < 1 << 31):
         raise ParameterError(
-            f"{MAX_PIXELS} must be an integer from 1 to {(1 << 31) - 1}, not '{text}'"
+            f"{MAX_PIXELS} must be a whole number from 1 to {(1 << 31) - 1}, not '{text}'"
         )
     return int(text)
 

@@ -314,7 +314,7 @@ class Position:
             raise ParameterError("a position is a frame or a number of seconds; give one of them")
         if frame is not None and not is_integer(frame, 0):
             raise ParameterError(
-                f"the frame of a position must be an integer of at least 0, not {frame!r}"
+                f"the frame of a position must be a whole number of at least 0, not {frame!r}"
             )
         if seconds is not None and not (
             isinstance(seconds, Real) and 0 <= float(seconds) < math.inf

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     ("column", "text", "reason"),
     [
         ("frame", "8", "'8' in line 11, which is not above the value in the row before"),
-        ("frame", "9.5", "'9.5' in line 11, which is not an integer"),
+        ("frame", "9.5", "'9.5' in line 11, which is not a whole number"),
         ("time_s", "0.4", "'0.4' in line 11, which is not above the value in the row before"),
         ("time_s", "-1", "'-1.0' in line 11, which is not above the value in the row before"),
         ("opplod_alarm", "2", "'2' in line 11, which is neither 0 nor 1"),
         ("dlgmd_alarm", "0.5", "'0.5' in line 11, which is neither 0 nor 1"),
         ("dlgmd_alarm", "", "is empty in line 11"),
-        ("rom_pairs", "4.5", "'4.5' in line 11, which is not an integer"),
+        ("rom_pairs", "4.5", "'4.5' in line 11, which is not a whole number"),
         ("opplod_response", "1e300", "'1e+300' in line 11, which is not a finite number"),
     ],
 )

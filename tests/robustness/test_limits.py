@@ -135,7 +135,7 @@ def test_a_wrong_limit_is_no_fault_of_the_input(
     for path in (video, folder):
         done = inside.oppload("run", path, "-o", tmp_path / "out")
         assert done.returncode == 2
-        sentence = "OPPLOAD_MAX_PIXELS must be an integer from 1 to 2147483647, not 'abc'"
+        sentence = "OPPLOAD_MAX_PIXELS must be a whole number from 1 to 2147483647, not 'abc'"
         assert done.stderr == f"oppload: {sentence}\n"
 
 

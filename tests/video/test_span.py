@@ -43,9 +43,9 @@ def test_a_text_that_is_no_position(text: str) -> None:
     [
         ({}, "give one of them"),
         ({"frame": 1, "seconds": 2}, "give one of them"),
-        ({"frame": "a"}, "an integer of at least 0, not 'a'"),
-        ({"frame": 1.5}, "an integer of at least 0, not 1.5"),
-        ({"frame": -1}, "an integer of at least 0, not -1"),
+        ({"frame": "a"}, "a whole number of at least 0, not 'a'"),
+        ({"frame": 1.5}, "a whole number of at least 0, not 1.5"),
+        ({"frame": -1}, "a whole number of at least 0, not -1"),
         ({"seconds": "1"}, "a finite number of at least 0, not '1'"),
         ({"seconds": math.nan}, "a finite number of at least 0, not nan"),
         ({"seconds": math.inf}, "a finite number of at least 0, not inf"),
