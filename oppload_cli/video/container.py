@@ -6,7 +6,6 @@ import atexit
 import errno
 import math
 from collections import deque
-from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from itertools import chain
@@ -15,7 +14,6 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
-import numpy as np
 from av.codec.context import Flags
 
 from oppload_cli.errors import SourceError, cannot_read, reason_of, without_login
@@ -41,7 +39,7 @@ from oppload_cli.video.frames import (
     turned,
 )
 from oppload_cli.video.integrity import fault_of
-from oppload_cli.video.planes import is_full_range, luma_plane
+from oppload_cli.video.planes import is_full_range, is_transparent, luma_plane
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -144,7 +142,7 @@ class ContainerSource:
 
     def finish(self) -> None:
         """Count the declared frames that never came."""
-        if _is_transparent(self._first):
+        if is_transparent(self._first):
             self.decode.note("transparency is left out; draw the pictures on a ground first")
         self.decode.missing = self._missing()
         if corrupt := self.decode.corrupt:
@@ -468,14 +466,6 @@ class ContainerSource:
             rate_assumed=is_rate_assumed(stream) and not self._is_live,
             video_streams=len(video_streams(self._container)),
         )
-
-
-def _is_transparent(frame: VideoFrame) -> bool:
-    """Return whether some pixel of a frame is not opaque, as far as FFmpeg can convert it."""
-    with suppress(av.error.FFmpegError, ValueError):
-        if any(each.is_alpha for each in frame.format.components):
-            return bool((frame.to_ndarray(format="rgba")[..., 3] < np.uint8(255)).any())
-    return False
 
 
 def _checked_luma(frame: VideoFrame) -> tuple[NDArray[Any], int]:

@@ -5,6 +5,7 @@ The process that decodes imports this module with PyAV. Only rare kinds of frame
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import av
@@ -103,6 +104,14 @@ def is_full_range(frame: VideoFrame, codec: str) -> bool:
     if name.startswith("gray") and frame.color_range != ColorRange.MPEG:
         return frame.color_range == ColorRange.JPEG or codec not in _LIMITED_GREY
     return bool(frame.color_range == ColorRange.JPEG)
+
+
+def is_transparent(frame: VideoFrame) -> bool:
+    """Return whether some pixel of a frame is not opaque, as far as FFmpeg can convert it."""
+    with suppress(av.error.FFmpegError, ValueError):
+        if any(each.is_alpha for each in frame.format.components):
+            return bool((frame.to_ndarray(format="rgba")[..., 3] < np.uint8(255)).any())
+    return False
 
 
 def _grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:

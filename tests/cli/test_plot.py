@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from oppload_cli.cli.plot import plot
+from oppload_cli.plots.tuning import KINDS
 from tests.cli.inside import run
 from tests.cli.process import oppload
 from tests.results.make import frame_rows, write_result, write_rows, write_tuning
@@ -376,6 +378,12 @@ def test_another_kind_has_a_name_of_its_own(tmp_path: Path, capsys: Capture) -> 
         assert done.returncode == 0
         assert done.stdout.splitlines()[-1] == str(tmp_path / name)
     assert len(list(tmp_path.glob("*.png"))) == 4
+
+
+def test_every_kind_of_plot_of_a_tuning_table_is_offered() -> None:
+    """The command repeats the kinds, so that its help loads no matplotlib."""
+    (kind,) = (each for each in plot.params if each.name == "kind")
+    assert kind.to_info_dict()["type"]["choices"] == ("curves", "rmo", "map", *KINDS)
 
 
 @pytest.mark.parametrize(

@@ -291,7 +291,7 @@ def test_the_width_follows_the_height(tmp_path: Path) -> None:
 @pytest.mark.parametrize("height", [0, -1, "240", 24.5])
 def test_a_height_that_is_none(tmp_path: Path, height: Any) -> None:
     path = write_video(tmp_path / "a.mkv", grey_frames(2))
-    with pytest.raises(ParameterError, match=f"integer of at least 1, not {height!r}"):
+    with pytest.raises(ParameterError, match=f"whole number of at least 1, not {height!r}"):
         open_video(path, height=height)
 
 
