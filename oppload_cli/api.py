@@ -22,7 +22,7 @@ from oppload_cli.pipeline.sources import StimulusVideo, open_source
 from oppload_cli.pipeline.task import IfExists, Outputs
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.report.writing import write_report
-from oppload_cli.results import reading as tables
+from oppload_cli.results import reading
 from oppload_cli.results.table import TABLE, detection_line, detection_values, write_sidecar
 from oppload_cli.results.truths import facts_of_truth, usable_truth
 from oppload_cli.stimulus.files import file_stem
@@ -49,7 +49,7 @@ _NOT_FLOATS: dict[str, type] = {"frame": int, "id": int, "alarm": bool}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result(tables.BaseResult):
+class Result(reading.BaseResult):
     """The result of one input, from :func:`run` or :func:`read_result`.
 
     Attributes
@@ -319,8 +319,8 @@ def read_result(path: str | Path) -> Result:
     ...
     oppload_cli.errors.ResultError: missing.frames.csv: cannot be read (no such file...
     """
-    read = tables.read_result(Path(path))
-    found = tables.read_detections(read.path) or []
+    read = reading.read_result(Path(path))
+    found = reading.read_detections(read.path) or []
     return Result(read.path, read.frames, read.sidecar, _detections(found), saved=True)
 
 
