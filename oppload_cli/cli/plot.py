@@ -15,6 +15,7 @@ from oppload_cli.cli import check_display, say, show_file
 from oppload_cli.cli.options import check_models, complete_models, names_in
 from oppload_cli.errors import ExitCode, ParameterError, ResultError
 from oppload_cli.evaluation.manifest import read_manifest
+from oppload_cli.files.atomic import PART
 from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
 from oppload_cli.results.reading import is_tuning, read_result
@@ -376,5 +377,5 @@ def _time_of(result: BaseResult, text: str, label: str) -> float:
 
 def _beside(path: Path, kind: str, usual: bool) -> Path:
     """Return the path of a figure beside its table; an unusual kind is part of the name."""
-    plain = path.with_name(path.name.removesuffix(".part"))
+    plain = path.with_name(path.name.removesuffix(PART))
     return plain.with_suffix(".png" if usual else f".{kind}.png")

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+PART = ".part"  # end of the name of a file or folder that is still being written
 _DYING_S = 0.5  # time for which a run that was killed may still hold its lock
 # Flags that follow no link and wait for no pipe. Windows lacks them: there, only `_check_alone`
 # refuses links and pipes.
@@ -62,7 +63,7 @@ def output_errors(path: Path) -> Iterator[None]:
 
 def part_of(path: Path) -> Path:
     """Return the path of the part file of a result."""
-    return path.with_name(f"{path.name}.part")
+    return path.with_name(f"{path.name}{PART}")
 
 
 def remove(path: Path) -> None:
@@ -198,7 +199,7 @@ class PartFile(_Part):
         self.binary = BufferedRandom(self.raw)
         try:
             locked = _lock(self.raw.fileno(), part, self.path)
-            own = self.path.with_name(f"{self.path.name}.{platform.node()}-{os.getpid()}.part")
+            own = self.path.with_name(f"{self.path.name}.{platform.node()}-{os.getpid()}{PART}")
             if not locked and not made and part != own:
                 if new:
                     raise _exists_already(part)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from oppload_cli.errors import OpploadError, printable
+from oppload_cli.files.atomic import PART
 from oppload_cli.models.detector import Box
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
@@ -291,7 +292,7 @@ def _true_size(frame: dict[str, Any] | None, name: str) -> Any:
 def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
     """Return the warnings about a result, a sentence each."""
     notes = []
-    if result.path.name.endswith(".part"):
+    if result.path.name.endswith(PART):
         notes.append("the run was interrupted; the page shows the frames that it had written")
     if not result.sidecar:
         notes.append(

@@ -13,7 +13,7 @@ import pandas as pd
 from oppload_cli.detection.alarm import Alarm
 from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import OpploadError, ResultError, SourceError
-from oppload_cli.files.atomic import part_of
+from oppload_cli.files.atomic import PART, part_of
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import default_names, detector_named, known_names
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-_SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
+_SUFFIXES = (f"{TABLE}{PART}", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
 
@@ -83,7 +83,7 @@ class BaseResult:
     def shortfall(self) -> str:
         """A sentence if the table has fewer rows than the run wrote, else an empty text."""
         written = self.part("decode").get("analysed")
-        if not isinstance(written, int) or self.path.name.endswith(".part"):
+        if not isinstance(written, int) or self.path.name.endswith(PART):
             return ""
         lost = written - len(self.frames)
         return f"the table lacks {lost} of the run's {written} rows; run it again" * (lost > 0)
@@ -227,7 +227,7 @@ def read_detections(table: Path) -> list[dict[str, Any]] | None:
         If the file cannot be read, or a line is not a detection.
     """
     path = _beside(table, DETECTIONS)
-    path = part_of(path) if table.name.endswith(".part") else path
+    path = part_of(path) if table.name.endswith(PART) else path
     if not is_there(path):
         return None
     found = []
