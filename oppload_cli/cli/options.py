@@ -281,7 +281,7 @@ def settings_options(
             "--height",
             metavar="PX|native",
             help="Working height (of upright pictures: width); the other side follows.  "
-            "[default: 240, preset paper 600]",
+            f"[default: {PRESETS[DEFAULT_PRESET].height}, preset paper {PRESETS['paper'].height}]",
         ),
         repeats_option,
     ]

@@ -94,10 +94,10 @@ def _cut(luminance: Picture, opacity: Picture) -> _Cutout:
 # ---- Drawings: luminance and opacity, _SIDE texels along the longer side --------------------
 
 
-def _grid(width: float, height: float) -> tuple[Floats, Floats]:
-    """Return x (right) and y (up) of the texels; the longer side reaches from -1 to 1."""
-    columns, rows = round(_SIDE * width), round(_SIDE * height)
-    x = (np.arange(columns) + 0.5 - columns / 2) / (_SIDE / 2)
+def _grid(height: float) -> tuple[Floats, Floats]:
+    """Return x (right) and y (up) of the texels: x from -1 to 1, y from -`height` to `height`."""
+    rows = round(_SIDE * height)
+    x = (np.arange(_SIDE) + 0.5 - _SIDE / 2) / (_SIDE / 2)
     y = (rows / 2 - np.arange(rows) - 0.5) / (_SIDE / 2)
     return np.asarray(x[None, :]), np.asarray(y[:, None])
 
@@ -123,7 +123,7 @@ def _over(ground: Picture, share: Picture, luminance: float | Picture) -> Pictur
 
 
 def _ball(random: np.random.Generator) -> tuple[Picture, Picture]:
-    x, y = _grid(1, 1)
+    x, y = _grid(1)
     depth = np.sqrt(np.clip(1 - x**2 - y**2, 0, 1))
     light = 0.55 + 0.45 * np.clip(0.8 * depth + 0.5 * y - 0.3 * x, 0, 1)
     texture = 1 + 0.25 * _texture(random, (_SIDE, _SIDE), 24)
@@ -133,7 +133,7 @@ def _ball(random: np.random.Generator) -> tuple[Picture, Picture]:
 
 
 def _box(random: np.random.Generator) -> tuple[Picture, Picture]:
-    x, y = _grid(1, 0.9)
+    x, y = _grid(0.9)
     luminance = 0.5 * (1 + 0.12 * _texture(random, (y.size, x.size), 12))
     luminance = _over(luminance, _block(x, y, 0.12, 1), 0.62)
     luminance = _over(luminance, _block(x - 0.5, y + 0.45, 0.3, 0.2), 0.85)
@@ -145,7 +145,7 @@ def _box(random: np.random.Generator) -> tuple[Picture, Picture]:
 
 def _car(random: np.random.Generator) -> tuple[Picture, Picture]:
     """Return a car from the front."""
-    x, y = _grid(1, 0.8)
+    x, y = _grid(0.8)
     cabin = _block(x / (0.78 - 0.22 * np.clip((y - 0.1) / 0.6, 0, 1)), y - 0.4, 1, 0.4)
     body = _block(x, y + 0.24, 0.97, 0.4)
     wheels = np.maximum(_block(x - 0.74, y + 0.6, 0.16, 0.2), _block(x + 0.74, y + 0.6, 0.16, 0.2))
@@ -163,7 +163,7 @@ def _car(random: np.random.Generator) -> tuple[Picture, Picture]:
 
 
 def _bird(random: np.random.Generator) -> tuple[Picture, Picture]:
-    x, y = _grid(1, 0.45)
+    x, y = _grid(0.45)
     body = _ellipse(x, y, 0.2, 0.26)
     head = _ellipse(x, y - 0.25, 0.11, 0.13)
     wings = np.maximum(
@@ -188,7 +188,7 @@ _DRAWINGS: dict[str, Callable[[np.random.Generator], tuple[Picture, Picture]]] =
 @lru_cache(maxsize=1)
 def shadow_of() -> Texture:
     """Return the opacity of a soft round shadow: (h, w, 2), black."""
-    x, y = _grid(1, 1)
+    x, y = _grid(1)
     share = np.clip(1.3 * (1 - np.hypot(x, y)), 0, 1) ** 0.7
     both = np.stack([np.zeros_like(share), share], axis=-1)
     return Texture(np.asarray(both, np.float32), repeats=False)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import inspect
 import struct
 from fractions import Fraction
 from itertools import accumulate, cycle, islice
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError, SourceError
+from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import MAX_PIXELS
@@ -286,6 +288,11 @@ def test_the_width_follows_the_height(tmp_path: Path) -> None:
     image = grey_frames(2, width=128, height=72)[0].astype(np.float64)
     blocks = image.reshape(36, 2, 64, 2).mean(axis=(1, 3)) / 255
     assert np.abs(frame.luma - blocks).max() <= 0.51 / 255
+
+
+def test_the_usual_working_height_is_that_of_the_default_preset() -> None:
+    height = inspect.signature(open_video).parameters["height"].default
+    assert height == PRESETS[DEFAULT_PRESET].height
 
 
 @pytest.mark.parametrize("height", [0, -1, "240", 24.5])
