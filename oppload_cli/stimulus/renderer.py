@@ -220,9 +220,8 @@ class _Painter:
             part, colours = picture[window.slices], self._colours(pose, window)
             share = coverage.astype(np.float32)
             part += (colours - part) * share
-            if colours.ndim == 0:
-                # In float32, 0.5 + (0.1 - 0.5) is less than 0.1, and becomes another grey level.
-                np.copyto(part, colours, where=share == 1)
+            # In float32, 0.5 + (0.1 - 0.5) is less than 0.1, and becomes another grey level.
+            np.copyto(part, colours, where=share == 1)
 
     def _colours(self, pose: Pose, _window: Window) -> Picture:
         """Return the luminance of the object's pixels, float32; a shape of one luminance has ()."""

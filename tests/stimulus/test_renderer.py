@@ -157,9 +157,17 @@ def test_objects_cover_one_another_in_order() -> None:
     assert grey[5, 5] == 255
 
 
-@pytest.mark.parametrize("kind", ["disk", "square", "field"])
-def test_an_object_has_the_grey_level_of_its_luminance_on_every_ground(kind: str) -> None:
-    obj = Object(id="o", kind=kind, size_deg=10, luminance=0.1)
+DOTS = {"dot_deg": 20, "dots_per_100deg2": 20, "luminance": 0.2, "contrast": -0.5}
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [*((kind, {"size_deg": 10}) for kind in ("disk", "square", "field")), ("dots", DOTS)],
+)
+def test_an_object_has_the_grey_level_of_its_luminance_on_every_ground(
+    kind: str, values: dict[str, Any]
+) -> None:
+    obj = Object(**{"id": "o", "kind": kind, "luminance": 0.1, **values})
     greys = {
         ground: int(Renderer(dataclasses.replace(made(obj), display=on)).grey(0)[90, 100])
         for ground in (0.0, 0.3, 0.5, 1.0)
