@@ -206,13 +206,18 @@ def _check_memory(command: str) -> None:
     """Raise OSError if a limit of memory leaves no room for the libraries of a command.
 
     OpenBLAS, which NumPy loads, and Arrow, which pandas loads, allocate memory while they are
-    loaded. If that fails they end the process, without an error that `main` could catch.
+    loaded, and OpenBLAS once more for its first product. If that fails they end the process,
+    without an error that `main` could catch.
     """
     if sys.platform == "win32":  # has no such limit
         return
     if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
         with_arrow = command in _WITH_PANDAS and find_spec("pyarrow")
         mmap.mmap(-1, _ARROW_BYTES if with_arrow else _LIBRARY_BYTES).close()
+        import numpy as np
+
+        square = np.ones((256, 256))
+        np.dot(square, square)  # the first large product, for which OpenBLAS allocates memory
 
 
 def _failure(error: BaseException) -> int:
@@ -260,6 +265,11 @@ def _explained(error: BaseException) -> BaseException:
     """Return an OpploadError in place of an error of a disk, a folder or the memory."""
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:
         return OutputError("the output cannot be written (no space left on device); free some")
+    if isinstance(error, OSError) and "MPLCONFIGDIR" in str(error):  # while matplotlib is loaded
+        return OutputError(
+            "matplotlib finds no folder that it can write for its cache; set the environment "
+            "variable MPLCONFIGDIR to one"
+        )
     if isinstance(error, FileNotFoundError) and _is_nowhere():
         return SourceError("the current folder was removed; change to another one")
     if isinstance(error, Exception) and not isinstance(

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _MOST_BYTES = 1 << 30  # the size of the largest file that is read at once
+_PIECE = 1 << 20  # bytes; `read` takes memory for all the bytes that it is asked for
 _NOT_IN_NAMES = "\\" + ('<>:"|?*' if sys.platform == "win32" else "")
 _DRIVE = re.compile(r"[A-Za-z]:")
 # Windows opens a device under these names, whatever the folder and the suffix.
@@ -52,13 +53,15 @@ def content_of(path: Path | str, *, pipes: bool = False) -> bytes:
         raise OSError(errno.EINVAL, "a pipe or a device, not a file")
 
     def read() -> bytes:
+        pieces: list[bytes] = []
         with path.open("rb") as file:
-            return file.read(_MOST_BYTES + 1)
+            while piece := file.read(_PIECE):
+                pieces.append(piece)
+                if len(pieces) * _PIECE > _MOST_BYTES:
+                    raise OSError(errno.EFBIG, f"more than {_MOST_BYTES >> 20} MB")
+        return b"".join(pieces)
 
-    content = read() if stat.S_ISREG(mode) else Call(read).result()
-    if len(content) > _MOST_BYTES:
-        raise OSError(errno.EFBIG, f"more than {_MOST_BYTES >> 20} MB")
-    return content
+    return read() if stat.S_ISREG(mode) else Call(read).result()
 
 
 def text_of(path: Path | str, *, pipes: bool = False) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 import sys
 from typing import TYPE_CHECKING
 
@@ -107,3 +108,33 @@ def test_little_memory_for_tables(clip: Path, tmp_path: Path, megabytes: int) ->
     # With too little memory, Arrow would end the process, or fail without an error.
     done = ended(tmp_path / "case", commands(clip)["tune"], **{"as": megabytes << 20})
     assert (done.code, "memory is short" in done.stderr) == (3, True), done.stderr
+
+
+# Under a limit that leaves 4 MB to the process as it is: a small file, then a large product.
+LITTLE = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from oppload_cli.cli import _check_memory
+from oppload_cli.files.reading import text_of
+
+resource.setrlimit(resource.RLIMIT_AS, (1 << 31, resource.RLIM_INFINITY))
+_check_memory("run")
+square = np.ones((256, 256))
+pages = int(Path("/proc/self/statm").read_text().split()[0])
+used = pages * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + (4 << 20), resource.RLIM_INFINITY))
+print(text_of(sys.argv[1]), (square @ square)[0, 0])
+"""
+
+
+def test_memory_for_a_small_file_and_a_product(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text("small")
+    done = subprocess.run(
+        [sys.executable, "-c", LITTLE, str(tmp_path / "small.toml")],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert done.stdout == "small 256.0\n", done.stderr
