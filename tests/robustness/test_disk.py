@@ -204,6 +204,30 @@ def test_every_command_on_a_read_only_disk(
     assert done.stderr.count("cannot be written (read-only file system)") == 3
 
 
+def test_no_folder_for_the_cache_of_matplotlib(tmp_path: Path) -> None:
+    code = (
+        "import sys, tempfile\n"
+        "from oppload_cli.cli import main\n"
+        "tempfile.tempdir = sys.argv[1]  # a file, no folder\n"
+        "main(['plot', sys.argv[1]])\n"
+    )
+    table = tmp_path / "clip.frames.csv"
+    table.write_text("frame,time_s,luma_change\n0,0,\n1,0.1,0.5\n")
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(table)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "MPLCONFIGDIR": str(table)},
+    )
+    assert done.returncode == 2
+    *_, last = done.stderr.splitlines()
+    assert last == (
+        "oppload: matplotlib finds no folder that it can write for its cache; "
+        "set the environment variable MPLCONFIGDIR to one"
+    )
+
+
 def test_a_plot_beside_its_result_on_a_read_only_disk(
     words: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
