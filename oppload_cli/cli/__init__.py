@@ -125,12 +125,14 @@ oppload plot video.frames.csv  writes video.frames.png
 
 def _load(_ctx: click.Context, _option: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     """Put the names into the environment: the registry of each process loads the detectors."""
+    from oppload_cli.files.reading import is_file
+
     absolute: list[str] = []
     for name in names:
-        is_file = name.endswith(".py")
-        if is_file and not Path(name).is_file():
+        is_path = name.endswith(".py")
+        if is_path and not is_file(name):
             raise ParameterError(f"--load {name}: no such file; check the name")
-        absolute.append(str(Path(name).absolute()) if is_file else name)
+        absolute.append(str(Path(name).absolute()) if is_path else name)
         if os.pathsep in absolute[-1]:
             raise ParameterError(
                 f"--load {name}: its path holds '{os.pathsep}', which separates the names in "

@@ -357,7 +357,7 @@ class _Batch:
                     f"oppload: {more} more {inputs} remarks such as those above; the sidecars hold "
                     f"all remarks (time and decode), and -v prints them"
                 )
-        if self._tally.failures and self._failures.exists():
+        if self._tally.failures and is_file(self._failures):
             say(f"oppload: the failed inputs are in {self._failures}; try them again with:")
             for command in _retry_commands(click.get_current_context(), self._failures):
                 say(f"  {shlex.join(command)}")

@@ -78,7 +78,7 @@ def clips_of(
 def _is_clip(name: str) -> bool:
     """Tell whether an input is a file, but no protocol, or a folder of a stimulus's images."""
     if is_folder(name):
-        return truth_beside(name).is_file()
+        return is_file(truth_beside(name))
     return is_file(name) and not name.endswith(".toml")
 
 
@@ -94,7 +94,7 @@ def _manifest_in(inputs: Sequence[str]) -> Path | None:
     if len(inputs) > 1 or path.suffix == ".toml":
         return None
     if os.path.lexists(path):
-        if _is_clip(inputs[0]) and truth_beside(path).is_file():
+        if _is_clip(inputs[0]) and is_file(truth_beside(path)):
             return None
         if is_video(path.name):
             raise ManifestError(

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from oppload_cli.errors import ResultError, reason_of
-from oppload_cli.files.reading import is_file, reading, text_of
+from oppload_cli.files.reading import is_file, is_there, reading, text_of
 from oppload_cli.video.inputs import is_video
 
 if TYPE_CHECKING:
@@ -52,9 +52,9 @@ def read_table(
     ResultError
         If the file cannot be read, is not a CSV table, or has no row.
     """
-    if is_video(path.name) and path.exists():
+    if is_video(path.name) and is_there(path):
         raise ResultError(f"{path}: is a video, not a result; run it first with 'oppload run'")
-    if path.suffix in _NO_TABLES and path.exists():
+    if path.suffix in _NO_TABLES and is_there(path):
         raise ResultError(f"{path}: is not a CSV table; {advice}")
     with reading(path, ResultError, form="text in UTF-8", repair=advice):
         try:

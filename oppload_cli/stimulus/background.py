@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import OpploadError, StimulusError, reason_of, suggestion
+from oppload_cli.files.reading import is_file
 from oppload_cli.stimulus.patterns import noise_tile
 from oppload_cli.stimulus.staging import camera_of, view_of
 from oppload_cli.stimulus.surfaces import Placed, Surface, Texture
@@ -67,7 +68,7 @@ def background_of(protocol: Protocol) -> _Constant | Drawn | _Video:
         return Drawn(protocol)
     path = Path(scene.background)
     # A pattern of image names, such as frame_%03d.png, is a video.
-    if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
+    if path.suffix.lower() in IMAGE_SUFFIXES and is_file(path):
         return _Constant(_still_picture(scene, display))
     return _Video(protocol)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from oppload_cli.errors import ParameterError, StimulusError, suggestion
-from oppload_cli.files.reading import reading, text_of
+from oppload_cli.files.reading import is_file, reading, text_of
 from oppload_cli.stimulus.keys import WORDS, excluded_by, key_of, value_at, with_value, without
 from oppload_cli.stimulus.protocol import Protocol
 from oppload_cli.stimulus.tables import SURROUNDINGS
@@ -267,9 +267,9 @@ def find(wanted: str) -> list[Entry]:
     StimulusError
         If no name fits (the message suggests the nearest one), or if part of a name fits several.
     """
-    file, is_file, member = wanted.partition(".toml")
-    if is_file and (not member or member.startswith("/")):
-        return [_of_file(read_entry(Path(file + is_file)), member)]
+    file, toml, member = wanted.partition(".toml")
+    if toml and (not member or member.startswith("/")):
+        return [_of_file(read_entry(Path(file + toml)), member)]
     known = entries()
     if wanted in {entry.name for entry in known}:
         return [entry for entry in known if entry.name == wanted]
@@ -288,7 +288,7 @@ def find(wanted: str) -> list[Entry]:
 def _hint(wanted: str, known: tuple[Entry, ...]) -> str:
     """Return the advice for a name that is not the name of a stimulus."""
     stem, _, member = wanted.partition("/")
-    if member and Path(f"{stem}.toml").is_file():
+    if member and is_file(f"{stem}.toml"):
         return f"did you mean '{stem}.toml/{member}'?"
     names = {entry.name for entry in known}
     if any(name.startswith(f"{wanted}/") for name in names):

@@ -19,6 +19,7 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from oppload_cli.errors import SourceError, cannot_read, reason_of
+from oppload_cli.files.reading import is_there
 from oppload_cli.video.frames import (
     MAX_PIXELS,
     USUAL_RATE,
@@ -137,7 +138,7 @@ def _image_paths(name: str) -> list[Path]:
     # Some systems put a hidden file with the same suffix beside each image.
     folder, accepted = Path(name), re.compile(r"[^.].*", re.DOTALL)
     number = NUMBER.search(folder.name)
-    if number and not folder.exists():
+    if number and not is_there(folder):
         before, after = folder.name[: number.start()], folder.name[number.end() :]
         digits = f"[0-9]{{{number[1]},}}" if number[1] else "[0-9]+"
         accepted = re.compile(re.escape(before) + digits + re.escape(after))

@@ -304,19 +304,52 @@ def test_files_without_permission(clip: Path, tmp_path: Path) -> None:
     closed.mkdir(mode=0)
     names = [secret, closed / "a.avi", closed / "a_%d.png", closed]
     done = without_privilege(
+        ("plot", closed / "a.avi"),
+        ("--load", closed / "a.py", "models"),
         ("run", *names, "-o", out, "-j", "1"),
         ("run", closed, clip, "-o", tmp_path / "mixed", "-j", "1"),
         ("run", clip, "-o", closed),
         ("run", clip, "-o", closed / "a.csv"),
     )
     closed.chmod(0o700)
-    assert done.returncodes == [3, 4, 2, 2], done.stderr
+    assert done.returncodes == [2, 2, 3, 4, 2, 2], done.stderr
+    assert "bug" not in done.stderr
     denied = [line for line in done.stderr.splitlines() if "permission denied" in line]
-    assert len(denied) == len(names) + 1 + 1
+    assert len(denied) == 1 + len(names) + 1 + 1
     assert f"oppload: {closed}{os.sep}clip.frames.csv: cannot be written" in denied[-1]
     assert "is the name of a file" in done.stderr.splitlines()[-1]
     assert [path.name for path in out.iterdir()] == ["failures.csv"]
     assert not list(closed.iterdir())
+
+
+LONG = "n" * 251
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("plot", f"{LONG * 2}.mp4"), "cannot be read (file name too long)"),
+        (("plot", f"{LONG}.toml"), "cannot be read (file name too long)"),
+        (("--load", f"{LONG * 2}.py", "models"), "no such file"),
+        (("tune", f"{LONG}/bar"), f"no stimulus '{LONG}/bar' in the catalogue"),
+        (("evaluate", f"{LONG}.avi"), "has no ground truth beside it"),
+        (("run", f"{LONG * 2}/%d.png"), "cannot be read (file name too long)"),
+    ],
+)
+def test_names_that_are_too_long(
+    words: tuple[str, ...],
+    sentence: str,
+    clip: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Also a name that is too long only with another suffix, or with ``.stimulus.json``."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(clip, f"{LONG}.avi")
+    done = run(capsys, *words)
+    assert done.returncode in {2, 3}
+    assert (sentence in done.stderr, "bug" in done.stderr) == (True, False), done.stderr
 
 
 NAMES = [
