@@ -30,6 +30,7 @@ from oppload_cli.plots.style import (
     first_stimulus,
     looks_of,
     panel_grid,
+    short_number,
     styled_figure,
     wrapped,
     write_title,
@@ -70,8 +71,8 @@ class TuningCurve(NamedTuple):
     @property
     def label(self) -> str:
         """The name with the largest peak, for a legend."""
-        text = f"{self.name}, largest peak {self.largest:.3g} ({self.detector.unit}){self.doubts}"
-        return wrapped(text, LEGEND_WIDTH)
+        largest = f"largest peak {short_number(self.largest)} ({self.detector.unit})"
+        return wrapped(f"{self.name}, {largest}{self.doubts}", LEGEND_WIDTH)
 
 
 class Request(NamedTuple):

@@ -47,7 +47,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
     from numpy.typing import NDArray
 
     from oppload_cli.plots.panels import Curve
@@ -62,6 +64,7 @@ _MOST_PANELS = 24  # results with a small panel each; more results are a heat ma
 _MOST_LONGER = 4  # longest input over the shortest one, for one time axis
 _MOST_BINS = 400  # of time, in a heat map
 _MOST_NAMES = 60  # along a heat map
+_MOST_MAPS = 5  # of detectors, side by side
 _ALARM = "#D55E00"
 _NAME_WIDTH = 16  # characters in a line of an object's name
 _NOTE_WIDTH = 41  # characters in a line of a note, in a legend of three columns
@@ -424,59 +427,85 @@ def _draw_heat(
     rows = list(by_input.values())
     names = _names([list(row.values()) for row in rows])
     scale = options.scale_of(curves)
-    height = min(MOST_HEIGHT, 1.2 + 0.15 * len(rows))
+    lines = -(-len(detectors) // _MOST_MAPS)
+    columns = -(-len(detectors) // lines)
+    height = min(MOST_HEIGHT, 1.2 + 0.15 * len(rows) * lines)
     with styled_figure(PAGE, height) as figure:
-        axes = list(figure.subplots(1, len(detectors), squeeze=False, sharey=True)[0])
+        axes = panel_grid(figure, len(detectors), columns, sharex=lines > 1, sharey=True)
+        ends = min(each.time[0] for each in curves), max(each.time[-1] for each in curves)
+        images = []
         for panel, detector in zip(axes, detectors, strict=True):
-            _draw_rows(figure, panel, [row.get(detector) for row in rows], options, scale)
-            panel.set_title(detector_named(detector).label)
+            cells = [row.get(detector) for row in rows]
+            images.append(_draw_rows(panel, cells, options.xlim or ends, scale))
+            panel.set_title(detector_named(detector).label, fontsize=8 if lines == 1 else 6.8)
+            if options.align:
+                panel.axvline(0, color="white", lw=0.7, linestyle=(0, (4, 2)))
+        for panel in axes[-columns:]:
             panel.set_xlabel(options.time_label)
-        step = -(-len(names) // _MOST_NAMES)
-        shown = range(0, len(names), step)
-        texts = [wrapped(name, max(36, len(name) // 2 + 8)) for name in names]  # two lines at most
-        axes[0].set_yticks(shown, [texts[at] for at in shown])
-        axes[0].tick_params(axis="y", labelsize=6, length=0)
-        for label in axes[0].get_yticklabels():
-            if "\n" in label.get_text():
-                label.set(fontsize=4.5, linespacing=0.9)
-        if step > 1:
-            axes[0].set_ylabel(f"one name in {step} is written")
+        # Ratios have one scale for all detectors; a response has the unit of its detector.
+        groups = [[image] for image in images] if scale == "raw" else [images]
+        for group, detector in zip(groups, detectors, strict=False):
+            first = next(curve for curve in curves if curve.detector == detector)
+            bar = _draw_bar(figure, group, _value_label(scale, first), scale)
+            if len(groups) > 3:  # their labels stand side by side
+                bar.ax.xaxis.label.set_size(5.2)
+        _write_names(axes[::columns], names)
         if options.title:
             figure.suptitle(wrapped(options.title, 2 * TITLE_WIDTH), fontsize=8, x=0.01, ha="left")
     return figure, axes
 
 
+def _write_names(axes: Sequence[Axes], names: Sequence[str]) -> None:
+    """Write the names of the rows beside the leftmost heat map of each line of maps."""
+    # Lines of maps have their titles and perhaps colour bars between them.
+    step = -(-len(names) // (_MOST_NAMES // (2 * len(axes) - 1)))
+    shown = range(0, len(names), step)
+    texts = [wrapped(name, max(36, len(name) // 2 + 8)) for name in names]  # two lines at most
+    axes[0].set_yticks(shown, [texts[at] for at in shown])
+    for panel in axes:
+        panel.tick_params(axis="y", labelsize=6, length=0)
+        for label in panel.get_yticklabels():
+            if "\n" in label.get_text():
+                label.set(fontsize=4.5, linespacing=0.9)
+    if step > 1:
+        axes[0].set_ylabel(f"one name in {step} is written")
+
+
 def _draw_rows(
-    figure: Figure,
-    axes: Axes,
-    curves: Sequence[Curve | None],
-    options: CurveOptions,
-    scale: str,
-) -> None:
-    known = [curve for curve in curves if curve is not None]
-    times = [curve.time for curve in known]
-    begin, end = options.xlim or (min(t[0] for t in times), max(t[-1] for t in times))
-    bins = min(_MOST_BINS, max(len(t) for t in times))
+    axes: Axes, curves: Sequence[Curve | None], ends: tuple[float, float], scale: str
+) -> AxesImage:
+    """Draw a heat map of a detector, without the scale of its colours."""
+    bins = min(_MOST_BINS, max(len(curve.time) for curve in curves if curve is not None))
     values = np.full((len(curves), bins), np.nan)
     for row, curve in enumerate(curves):
         if curve is not None:
-            values[row] = _binned(curve.time, curve.scaled(scale), begin, end, bins)
+            values[row] = _binned(curve.time, curve.scaled(scale), *ends, bins)
             for start, duration in curve.alarms():
                 axes.plot([start, start + duration], [row + 0.36] * 2, color=_ALARM, lw=1.6,
                           solid_capstyle="butt")  # fmt: skip
-    thresholded = scale == "threshold"
-    norm = LogNorm(FLOOR, 100, clip=True) if thresholded else norm_of(values)
     image = axes.imshow(
-        values, aspect="auto", cmap=SHADES, norm=norm, interpolation="nearest",
-        extent=(begin, end, len(curves) - 0.5, -0.5),
+        values, aspect="auto", cmap=SHADES, interpolation="nearest",
+        extent=(*ends, len(curves) - 0.5, -0.5),
     )  # fmt: skip
-    axes.set_xlim(begin, end)
-    if options.align:
-        axes.axvline(0, color="white", lw=0.7, linestyle=(0, (4, 2)))
-    label = f"{_value_label(scale, known[0])}\nline in a row: alarm on"
-    bar = colour_bar(figure, image, axes, label, orientation="horizontal", pad=0.02, aspect=30)
+    axes.set_xlim(ends)
+    return image
+
+
+def _draw_bar(figure: Figure, images: Sequence[AxesImage], label: str, scale: str) -> Colorbar:
+    """Give heat maps one scale of colours, and draw its colour bar below them."""
+    thresholded = scale == "threshold"
+    values = np.concatenate([np.asarray(image.get_array()).ravel() for image in images])
+    norm = LogNorm(FLOOR, 100, clip=True) if thresholded else norm_of(values)
+    for image in images:
+        image.set_norm(norm)
+    maps = [image.axes for image in images]
+    bar = colour_bar(
+        figure, images[0], maps, f"{label}\nline in a row: alarm on", orientation="horizontal",
+        pad=0.02, aspect=30,
+    )  # fmt: skip
     if thresholded:
         bar.set_ticks([0.01, 0.1, 1, 10, 100], labels=["≤0.01", "0.1", "1", "10", "≥100"])
+    return bar
 
 
 def _binned(time: Series, value: Series, begin: float, end: float, bins: int) -> Series:

@@ -285,7 +285,7 @@ def _described(curve: Curve, scale: str, best: int) -> str:
     if scale == "threshold" and value < FLOOR:
         return f"{curve.name}, below {FLOOR:g} of the threshold"
     multiple = f"{short_number(value)} times threshold"
-    height = multiple if scale == "threshold" else f"peak {peak:.3g}"
+    height = multiple if scale == "threshold" else f"peak {short_number(peak)}"
     text = f"{curve.name}, {height} at {when}"
     frame = f" (frame {int(curve.result.frames['frame'].iloc[best])})"
     fits = len(text + frame) <= LEGEND_WIDTH and not curve.zero_s

@@ -25,6 +25,7 @@ from oppload_cli.plots.style import (
     labels_of,
     looks_of,
     panel_grid,
+    short_number,
     styled_figure,
     wrapped,
     write_title,
@@ -132,7 +133,7 @@ class DirectionTuning:
     def about(self) -> str:
         """The peak and its unit in words."""
         peak = self.numbers.peak
-        return f"peak {peak:.3g} ({self.unit})" if peak > 0 else "no response"
+        return f"peak {short_number(peak)} ({self.unit})" if peak > 0 else "no response"
 
     def line(self) -> str:
         """Return the numbers in one line, for standard output."""

@@ -36,6 +36,7 @@ from oppload_cli.plots.style import (
     names_in,
     norm_of,
     panel_grid,
+    short_number,
     styled_figure,
     wrapped,
     write_title,
@@ -364,7 +365,7 @@ def _plot_small_lines(
 
 def _name_small(panel: Axes, curve: TuningCurve, largest: float) -> None:
     """Write the title of a small panel."""
-    name = f"{curve.name}\npeak {largest:.3g} ({curve.detector.unit}){curve.doubts}"
+    name = f"{curve.name}\npeak {short_number(largest)} ({curve.detector.unit}){curve.doubts}"
     panel.set_title(wrapped(name, _SMALL), fontsize=6, pad=2)
     panel.tick_params(labelsize=6)
 
@@ -486,8 +487,8 @@ def _draw_heat(
                 axes.text(*place, text, ha="center", va="center", color=ink, size=6)
     axes.set_xlabel(described(across))
     axes.set_ylabel(described(up))
-    title = f"{curve.name}, largest peak {largest:.3g} ({curve.detector.unit}){curve.doubts}"
-    axes.set_title(wrapped(title, TITLE_WIDTH))
+    title = f"{curve.name}, largest peak {short_number(largest)} ({curve.detector.unit})"
+    axes.set_title(wrapped(title + curve.doubts, TITLE_WIDTH))
     return image
 
 

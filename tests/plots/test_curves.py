@@ -3,6 +3,8 @@ from __future__ import annotations
 import json
 import math
 import pickle
+from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import matplotlib.colors
@@ -257,6 +259,21 @@ def test_a_long_name_leaves_a_heat_map_its_width(tmp_path: Path) -> None:
     assert told == names
     last, before = (panel.get_yticklabels()[at].get_window_extent() for at in (-1, -2))
     assert not last.overlaps(before)
+
+
+@pytest.mark.parametrize("scale", ["threshold", "raw"])
+def test_heat_maps_of_many_detectors_lie_apart_with_their_words(tmp_path: Path, scale: str) -> None:
+    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows_of_eight()))
+    results = [replace(result, path=tmp_path / f"clip-{number}.frames.csv") for number in range(25)]
+    figure, axes = plot_curves(results, models=EIGHT[:6], scale=scale)
+    figure.draw_without_rendering()
+    bars = figure.axes[len(axes) :]
+    assert len(bars) == (1 if scale == "threshold" else 6)  # one unit, or that of each detector
+    texts = [panel.title for panel in axes] + [bar.xaxis.label for bar in bars]
+    boxes = [panel.get_window_extent() for panel in axes]
+    boxes += [text.get_window_extent() for text in texts if text.get_text()]
+    assert not [1 for one, other in combinations(boxes, 2) if one.overlaps(other)]
+    assert min(panel.get_position().width for panel in axes) > 0.1
 
 
 def test_figures_are_bounded(tmp_path: Path) -> None:

@@ -150,6 +150,13 @@ def test_one_number_makes_a_line(tmp_path: Path) -> None:
     assert panel.get_xlabel() == "l/v (ms)"
 
 
+def test_large_peaks_have_no_exponent(tmp_path: Path) -> None:
+    values = {"disk.size_deg": [10.0, 20, 30]}
+    path = write_tuning(tmp_path / "a.tuning.csv", values, {"hua_fixed": [5150.4, 2, 1]})
+    _, (panel,) = plot_tuning(read_tuning(path))
+    assert panel.get_legend_handles_labels()[1][0].startswith("Hua et al., largest peak 5,150 (")
+
+
 def test_a_line_goes_from_left_to_right_whatever_the_order_of_the_sweep(tmp_path: Path) -> None:
     values = {"disk.growth.l_over_v_ms": [40.0, 10, 20]}
     tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 4, 2]}))
