@@ -38,6 +38,7 @@ _LEAST_WINDOW_S = 0.1
 _MOST_REPEATS = 5  # in a row; more repeats are a scene at rest
 _MOST_FRAMES = 1 << 16  # that the strip keeps, also if the times of a damaged file do not advance
 _GRID, _SHADE = (215, 215, 215), (236, 236, 236)  # lines, and the ground while an alarm is on
+_LEAST_CONTRAST = 2.9  # of white letters to their ground
 _DECADES = 4  # that the plot shows
 _FINE = 4  # binary digits of a fraction of a pixel, in OpenCV's coordinates
 _FURTHEST = 20_000  # px; points farther away from the plot are moved to this distance
@@ -264,6 +265,7 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
         more = f"+{left_out}"
         right -= _width_of(more, text) + text // 2
         _write(canvas, more, (right, middle), text, _DIM)
+        right -= text // 2
     for name in reversed(named):
         label, paint = detector_named(name).label, _paint_of(name)
         right -= _width_of(label, text, bold=True) + text
@@ -293,12 +295,19 @@ def _fitting(names: list[str], alarming: Sequence[str], room: int, text: int) ->
 
 
 def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: _Paint) -> None:
-    """Write a white word on a coloured ground."""
+    """Write a word on a coloured ground."""
     x, middle = at
     half = round(0.75 * text)
     width = _width_of(word, text, bold=True) + text
     canvas[middle - half : middle + half, x : x + width] = paint
-    _write(canvas, word, (x + text // 2, middle), text, _WHITE, bold=True)
+    _write(canvas, word, (x + text // 2, middle), text, _ink_on(paint), bold=True)
+
+
+def _ink_on(paint: _Paint) -> _Paint:
+    """Return white, or on a light ground, on which white could not be read, dark."""
+    linear = [((value / 255 + 0.055) / 1.055) ** 2.4 for value in reversed(paint)]
+    luminance = float(np.dot(linear, (0.2126, 0.7152, 0.0722)))  # relative, as WCAG defines it
+    return _WHITE if 1.05 / (luminance + 0.05) >= _LEAST_CONTRAST else DARK
 
 
 def _grid(canvas: Bgr, layout: Layout, scale: _Scale) -> None:
@@ -431,7 +440,7 @@ def _label(
     """
     label = _label_of(detection)
     left, top = corner
-    ground, ink = (paint, _WHITE) if detection.alarm else (_WHITE, paint)
+    ground, ink = (paint, _ink_on(paint)) if detection.alarm else (_WHITE, paint)
     height = round(1.5 * layout.text)
     width = _width_of(label, layout.text, bold=True) + layout.text
     y = top - height if top >= height else max(0, top)

@@ -111,16 +111,33 @@ def test_alarms_are_shaded_and_signed_in_no_detectors_colour(models: set[str]) -
 def test_labels_that_do_not_fit_are_counted_and_alarms_come_first() -> None:
     names = [name for name, each in detectors().items() if not each.variant_of]
     names = [name for name in names if len(set(paint_of(name))) > 1]  # other words are grey
-    canvas, _ = drawn([record(0, dict.fromkeys(names, 0.5), {names[-1]: True})])
+    last = "emd_lplc2_gf"
+    canvas, _ = drawn([record(0, dict.fromkeys(names, 0.5), {last: True})])
     header = canvas[LAYOUT.header.y + 2 * LAYOUT.line : LAYOUT.plot.y].astype(int)
     # OpenCV 4 draws letters of thin lines, whose pixels hold little of the plain colour.
     like = {name: np.abs(header - np.array(paint_of(name))).max(axis=2) <= 8 for name in names}
     shown = [name for name in names if like[name].sum() > 10]
     assert len(shown) < len(names)
-    assert shown == [*names[: len(shown) - 1], names[-1]]
+    assert shown == [*names[: len(shown) - 1], last]
+    # White columns divide the ground of the last label from the number of the others.
+    end = like[last].any(axis=0).nonzero()[0].max()
+    assert (header[:, end + 2 : end + LAYOUT.text // 2] == 255).all()
+    assert (header[:, end + 2 :] < 255).any()
     # The labels stand to the right of the clock, the frame and the word ALARM.
     dark = (header == np.array(DARK)).all(axis=2).any(axis=0).nonzero()[0].max()
     assert dark < like[names[0]].any(axis=0).argmax()
+
+
+@pytest.mark.parametrize(("name", "ink"), [("opplod", WHITE), ("dlgmd", WHITE), ("ci_lmd", DARK)])
+def test_a_word_can_be_read_on_the_colour_of_its_detector(
+    name: str, ink: tuple[int, int, int]
+) -> None:
+    canvas, _ = drawn([record(0, {name: 0.5}, {name: True})])
+    header = canvas[LAYOUT.header.y + 2 * LAYOUT.line : LAYOUT.plot.y].astype(int)
+    ground = (header == np.array(paint_of(name))).all(axis=2).any(axis=0).nonzero()[0]
+    sign = header[header.shape[0] // 2 - 4 : header.shape[0] // 2 + 4, ground[0] : ground[-1] + 1]
+    inks = {each: (np.abs(sign - np.array(each)).max(axis=2) <= 8).sum() for each in (DARK, WHITE)}
+    assert max(inks, key=lambda each: inks[each]) == ink
 
 
 def test_the_curve_of_an_alarm_is_thicker() -> None:
