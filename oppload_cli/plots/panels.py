@@ -22,7 +22,7 @@ from oppload_cli.plots.style import (
     wrapped,
 )
 from oppload_cli.results.reading import result_threshold
-from oppload_cli.results.truths import usable_truth
+from oppload_cli.results.truths import contacts_of, stated_contact, usable_truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 SCALES = ("threshold", "peak", "raw")
 FLOOR = 0.01  # of the threshold; smaller responses are drawn at this level
 _HEADROOM = 1.25  # upper end of an axis over the peak
-_SAME_S = 1e-6  # contacts that differ by less are the same one
 # Lengths as shares of a panel's width or height.
 _LETTER = 0.02  # width of a letter of a label
 _ROW, _ROW_POINTS = 0.066, 7.5  # height of a row of labels, and the same in points
@@ -196,7 +195,7 @@ def _contact(
 ) -> float:
     """Return the time of contact of result `at`: from the user, or else from the ground truth."""
     contact = contacts[at] if contacts else None
-    contact = _contact_of(truth) if contact is None else contact
+    contact = stated_contact(truth) if contact is None and truth else contact
     if contact is None:
         raise ResultError(
             f"{result.path}: its time of contact is not known; leave the result out, or give "
@@ -327,12 +326,6 @@ def _plain_number(tick: float, _: object) -> str:  # no lambda, so that figures 
     return f"≤{tick:g}" if tick <= FLOOR else f"{tick:,g}"
 
 
-def _contact_of(truth: Truth | None) -> float | None:
-    """Return the time of contact that a ground truth states, in seconds."""
-    contact = truth.get("contact_time_s") if truth else None
-    return float(contact) if isinstance(contact, int | float) else None
-
-
 def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOptions) -> None:
     """Draw the labelled times in `axes`, a panel and perhaps the ground truth below it.
 
@@ -348,12 +341,10 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
         for label, times in options.marks.items()
     }
     if options.align or not any(time is not None for time in marks.get("contact", {}).values()):
-        contact = _contact_of(truth)
+        contact = stated_contact(truth) if truth else None
         marks["contact"] = {each: each.zero_s if options.align else contact for each in of_inputs}
-        other_contacts = [
-            time - curves[0].zero_s for time in _contacts_of(truth).values()
-            if contact is None or abs(time - contact) > _SAME_S
-        ]  # fmt: skip
+        contacts = contacts_of(truth) if truth else []
+        other_contacts = [time - curves[0].zero_s for time in contacts if time != contact]
     first, last = axes[0].get_xlim()
 
     def draw_line(time: float, colour: str) -> None:
@@ -393,17 +384,6 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
     for time in other_contacts:
         draw_line(time, INK)
     axes[0].set_xlim(first, last)
-
-
-def _contacts_of(truth: Truth | None) -> dict[str, float]:
-    """Return the time of contact of each object of a ground truth, in seconds, by its name."""
-    contacts: dict[str, float] = {}
-    for frame in truth["frames"] if truth else ():
-        for each in frame["objects"]:
-            remaining_s = each.get("time_to_contact_s")
-            if remaining_s is not None:
-                contacts.setdefault(each["id"], frame["time_s"] + remaining_s)
-    return contacts
 
 
 class _Place(NamedTuple):

@@ -15,7 +15,7 @@ from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import check_schema, read_detections, result_threshold
-from oppload_cli.results.truths import find_truth
+from oppload_cli.results.truths import contacts_of, find_truth
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class Content:
     alarms: list[_AlarmSpan]  # in the order of their first rows
     boxes: _Boxes  # by row
     box_colour: str  # of the boxes' detector
-    truth: dict[str, Any] | None  # sizes and contact of a stimulus
+    truth: dict[str, Any] | None  # sizes and contacts of a stimulus
     notes: list[str]  # warnings about the result, a sentence each
 
     @classmethod
@@ -265,7 +265,7 @@ _DETECTION = (
 
 
 def _truth(result: BaseResult) -> dict[str, Any] | None:
-    """Return angular sizes by object and row, whether an object looms by row, and the contact."""
+    """Return angular sizes by object and row, whether an object looms by row, and the contacts."""
     truth = find_truth(result)
     if truth is None:
         return None
@@ -273,13 +273,12 @@ def _truth(result: BaseResult) -> dict[str, Any] | None:
     frames = [by_frame.get(int(frame)) for frame in result.frames["frame"]]
     names = dict.fromkeys(obj["id"] for each in frames if each for obj in each["objects"])
     sizes = {name: [_true_size(each, name) for each in frames] for name in names}
-    contact = truth["contact_time_s"]
     return {
         "sizes": {
             str(name): each for name, each in sizes.items() if any(s is not None for s in each)
         },
         "looming": [bool(each and each["looming"]) for each in frames],
-        "contact": None if contact is None else float(contact),
+        "contacts": contacts_of(truth),
     }
 
 

@@ -24,6 +24,7 @@ _FACTS = ("name", "looming", "contact_time_s", "display")  # the facts that a si
 _OTHER_SIDES = 0.03  # as a share of the ratio of the sides
 _OTHER_LENGTH = 0.1  # as a share of the frames
 _FEW_FRAMES = 5
+_SAME_S = 1e-6  # contacts that differ by less are the same one
 
 
 def read_truth(path: Path, width: Any, height: Any, frames: Any = None) -> Truth:
@@ -86,6 +87,26 @@ def usable_truth(result: BaseResult) -> Truth | None:
         return find_truth(result)
     except StimulusError:  # `truth_fault` gives the reason
         return None
+
+
+def stated_contact(truth: Mapping[str, Any]) -> float | None:
+    """Return the time of contact that a ground truth states, in seconds."""
+    contact = truth.get("contact_time_s")
+    return float(contact) if isinstance(contact, int | float) else None
+
+
+def contacts_of(truth: Mapping[str, Any]) -> list[float]:
+    """Return the times of contact in seconds: the stated one first, then those of other objects."""
+    stated = stated_contact(truth)
+    contacts: dict[str, float] = {}
+    for frame in truth["frames"]:
+        for each in frame["objects"]:
+            remaining_s = each.get("time_to_contact_s")
+            if remaining_s is not None:
+                contacts.setdefault(each["id"], frame["time_s"] + remaining_s)
+    if stated is None:
+        return list(contacts.values())
+    return [stated, *(each for each in contacts.values() if abs(each - stated) > _SAME_S)]
 
 
 def truth_fault(result: BaseResult) -> str:

@@ -177,6 +177,23 @@ def test_a_click_on_a_name_hides_its_curve(browser: Browser, page: Path) -> None
     assert drawn > 100
 
 
+def test_bars_of_alarms_begin_at_the_top(browser: Browser, tmp_path: Path) -> None:
+    table = write_numbered_result(tmp_path)
+    head, *rows = table.read_text().splitlines()
+    head = head.replace("opplod_alarm", "x").replace("dlgmd_alarm", "opplod_alarm")
+    table.write_text("\n".join([head.replace(",x,", ",dlgmd_alarm,"), *rows]) + "\n")
+    opened(browser, write_report([table], tmp_path).first)
+    bar = """
+    const canvas = document.querySelector(".chart canvas");
+    const pixels = canvas.getContext("2d").getImageData(0, 8, canvas.width, 1).data;
+    let found = 0;  // pixels in the colour of D-LGMD, the second detector
+    for (let i = 0; i < pixels.length; i += 4)
+      found += pixels[i] === 0x00 && pixels[i + 1] === 0x72 && pixels[i + 2] === 0xb2;
+    return found;
+    """
+    browser.wait_for(lambda: browser.run(bar) > 100, "the bar is lower")
+
+
 def test_it_plays_to_the_end_in_step(browser: Browser, page: Path) -> None:
     player = "document.getElementById('video')"
     opened(browser, page)
@@ -199,6 +216,15 @@ def test_dark_and_narrow(browser: Browser, page: Path, wide: int) -> None:
     assert ground == "rgb(22, 24, 28)"
     assert browser.run("return document.documentElement.scrollWidth") <= wide
     assert browser.complaints() == []
+
+
+def test_a_print_holds_all_alarms(browser: Browser, page: Path) -> None:
+    opened(browser, page)
+    # A longer list scrolls on the screen.
+    height = "return getComputedStyle(document.querySelector('.alarms')).maxHeight"
+    for media, most in (("print", "none"), ("screen", "352px")):
+        browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media})
+        assert browser.run(height) == most
 
 
 def test_a_large_video_is_a_file_beside_the_page(

@@ -350,11 +350,19 @@ def test_ground_truth_is_drawn(tmp_path: Path) -> None:
         assert sizes[row] == pytest.approx(
             truth["frames"][row]["objects"][0]["angular_size_deg"], rel=1e-5
         )
-    assert data["truth"]["contact"] == pytest.approx(2.2)
+    assert data["truth"]["contacts"] == pytest.approx([2.2])
     (tmp_path / "clip.stimulus.json").write_text('{"schema": "x"}')
     report = write_report([path], tmp_path)
     assert data_of(report.first)["truth"] is None
     assert "the ground truth of its stimulus cannot be read" in report.first.read_text()
+
+
+def test_the_contact_of_each_object_is_marked(tmp_path: Path) -> None:
+    truth = ground_truth(load("controls/two-looming-disks"))
+    path = write_result(tmp_path / "clip.frames.csv")
+    (tmp_path / "clip.stimulus.json").write_text(json.dumps(truth))
+    data = data_of(write_report([path], tmp_path).first)
+    assert data["truth"]["contacts"] == pytest.approx([1.6, 2.2])
 
 
 def test_an_interrupted_run(table: Path) -> None:

@@ -328,9 +328,10 @@
       }
     }
     const strip = 5 * devicePixelRatio;
-    curves.forEach((curve, order) => {
-      if (!u.series[order + 1].show) return;
-      for (const [first, last] of curve.alarms || []) {
+    // Bars of detectors without an alarm take no place, so that few bars lie over the curves.
+    const alarmed = curves.filter((each, at) => u.series[at + 1].show && each.alarms?.length);
+    alarmed.forEach((curve, order) => {
+      for (const [first, last] of curve.alarms) {
         shade(u, first, last, curve.colour, 0.3 / (1 + curves.length), [0, bbox.height]);
         shade(u, first, last, curve.colour, 1, [order * strip, (order + 1) * strip]);
       }
@@ -382,7 +383,9 @@
     const over = data.curves.filter((curve) => curve.thresholded);
     const others = data.curves.filter((curve) => !curve.thresholded);
     const contact = (u, label = "") => {
-      if (data.truth && data.truth.contact !== null) mark(u, "x", data.truth.contact, label, [4, 3]);
+      const contacts = data.truth ? data.truth.contacts : [];
+      const words = label + (label && contacts.length > 1 ? "s" : "");
+      contacts.forEach((at, order) => mark(u, "x", at, order ? "" : words, [4, 3]));
     };
     if (over.length) {
       const most = Math.max(10, ...over.map((c) => c.values.reduce((a, b) => Math.max(a, b), 0)));
