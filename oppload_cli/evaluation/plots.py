@@ -191,7 +191,9 @@ def _legend(axes: Axes) -> None:
 def _say_if_empty(axes: Axes, words: str) -> None:
     """Write words into axes whose bars all have no length, or an unknown one."""
     if not any(np.nan_to_num(bar.get_bbox().size).all() for bar in axes.patches):  # type: ignore[attr-defined]
-        axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", color=FAINT)
+        # The white ground parts the words from the lines of intervals.
+        ground = {"facecolor": "white", "edgecolor": "none", "pad": 2}
+        axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", color=FAINT, bbox=ground)
 
 
 class _Plot(NamedTuple):

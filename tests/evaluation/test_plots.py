@@ -63,3 +63,13 @@ def test_plots_without_approaches_or_false_alarms(clips: list[Clip]) -> None:
     found = measured(clips, NAME, draws_of([each.label.looming for each in clips], 100))
     for plot in PLOTS:
         assert len(image_bytes(figure_of(plot, {NAME: found}), "png", 40)) > 500
+
+
+def test_words_of_an_empty_plot_are_not_crossed_by_intervals() -> None:
+    found = measured([clip([0.0] * 100, 0, 90)], NAME, draws_of([True], 100))
+    (axes,) = figure_of("false-alarms.png", {NAME: found}).axes
+    (words,) = axes.texts
+    ground = words.get_bbox_patch()
+    assert ground is not None
+    assert ground.get_facecolor() == (1, 1, 1, 1)
+    assert words.get_zorder() > max(each.get_zorder() for each in (*axes.lines, *axes.collections))
