@@ -16,7 +16,9 @@ import numpy as np
 from matplotlib import style
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.textpath import text_to_path
 
 from oppload_cli import palette
 from oppload_cli.errors import ParameterError, counted, printable
@@ -54,6 +56,8 @@ PAGE = 17.8 / 2.54  # inches: two columns
 MOST_HEIGHT = 23 / 2.54  # inches: the height of a page
 _SCREEN_DPI = 150  # in a notebook the small print is then as large as the notebook's text
 TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
+_LETTER_EM = 0.53  # mean width of a letter of a line that just fits, over the size of the font
+_LEAST_WIDTH = 8  # characters in a line
 _HEADROOM = 1.06  # upper end of an axis over its highest point, for half of a marker
 DECADES = 4  # that a logarithmic heat map shows at most
 _UNIT = re.compile(r"(?<=\d) (?=(?:s|ms|deg|px)\b)")
@@ -280,11 +284,17 @@ def save(figure: Figure, path: Path) -> None:
 def image_bytes(figure: Figure, form: str, dpi: float | None = None) -> bytes:
     """Return a figure as the content of a file: ``png``, ``svg`` or ``pdf``."""
     image = io.BytesIO()
-    with _style(), warnings.catch_warnings():
-        # Matplotlib draws a box for a character that its font lacks.
-        warnings.filterwarnings("ignore", r"Glyph .* missing from")
+    with _style(), _known_glyphs():
         figure.savefig(image, format=form, metadata=METADATA[f".{form}"], dpi=dpi)
     return image.getvalue()
+
+
+@contextmanager
+def _known_glyphs() -> Iterator[None]:
+    """Do not warn of a character that the font lacks: matplotlib draws a box for it."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph .* missing from")
+        yield
 
 
 def check_suffix(path: Path) -> None:
@@ -403,11 +413,27 @@ def in_number_order(labels: Sequence[str]) -> list[int]:
 
 
 def wrapped(text: str, width: int) -> str:
-    """Return a text in lines of at most `width` characters, ready for a figure; nothing is cut."""
+    """Return a text in lines of at most `width` characters, ready for a figure; nothing is cut.
+
+    A line across a column has fewer characters if they are wide, such as capital letters.
+    """
     text = _UNIT.sub("\xa0", text)  # a number and its unit stay together
-    lines = (textwrap.wrap(line, width, break_on_hyphens=True) for line in text.splitlines())
-    text = "\n".join(each for line in lines for each in line).replace("\xa0", " ")
-    return re.sub(r"(?<!\\)\$", r"\\$", _escaped(text))  # matplotlib reads formulas between "$"
+    most = width * _LETTER_EM if width in {TITLE_WIDTH, LEGEND_WIDTH} else np.inf
+    while True:
+        parts = (textwrap.wrap(line, width, break_on_hyphens=True) for line in text.splitlines())
+        lines = [_escaped(each.replace("\xa0", " ")) for part in parts for each in part]
+        if width <= _LEAST_WIDTH or max(map(_width_em, lines), default=0) <= most:
+            break
+        width -= 1
+    return re.sub(r"(?<!\\)\$", r"\\$", "\n".join(lines))  # matplotlib reads formulas between "$"
+
+
+@cache
+def _width_em(line: str) -> float:
+    """Return the width of a line in the font of the figures, over the size of the font."""
+    font = FontProperties(family=_STYLE["font.family"], size=100)
+    with _known_glyphs():
+        return float(text_to_path.get_text_width_height_descent(line, font, ismath=False)[0]) / 100
 
 
 def short_number(value: float) -> str:

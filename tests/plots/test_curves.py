@@ -11,6 +11,7 @@ import matplotlib.colors
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
@@ -274,6 +275,17 @@ def test_heat_maps_of_many_detectors_lie_apart_with_their_words(tmp_path: Path, 
     boxes += [text.get_window_extent() for text in texts if text.get_text()]
     assert not [1 for one, other in combinations(boxes, 2) if one.overlaps(other)]
     assert min(panel.get_position().width for panel in axes) > 0.1
+
+
+def test_a_title_of_wide_letters_is_not_cut(tmp_path: Path) -> None:
+    name = "A VIDEO OF THE CAMERA ON THE BOW OF THE MOTORBOAT, IN THE MORNING, MWMWMWMWMWMWMWM"
+    result = result_in(tmp_path)
+    figure, (panel,) = plot_curves(result, models=["opplod"], title=name)
+    figure.draw_without_rendering()
+    title = next(text for text in panel.findobj(Text) if text.get_text().startswith("A VIDEO"))
+    assert isinstance(title, Text)
+    assert title.get_text().replace("\n", " ") == name
+    assert title.get_window_extent().x1 <= figure.bbox.x1
 
 
 def test_figures_are_bounded(tmp_path: Path) -> None:
