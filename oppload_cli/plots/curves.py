@@ -448,7 +448,7 @@ def _draw_heat(
             first = next(curve for curve in curves if curve.detector == detector)
             bar = _draw_bar(figure, group, _value_label(scale, first), scale)
             if len(groups) > 3:  # their labels stand side by side
-                bar.ax.xaxis.label.set_size(5.2)
+                bar.ax.xaxis.label.set_fontsize(5.2)
         _write_names(axes[::columns], names)
         if options.title:
             figure.suptitle(wrapped(options.title, 2 * TITLE_WIDTH), fontsize=8, x=0.01, ha="left")
