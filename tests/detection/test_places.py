@@ -138,7 +138,7 @@ def test_nothing_is_found_where_nothing_looms() -> None:
 def test_units_of_the_literal_model_are_objects_with_their_field() -> None:
     params = REFERENCE.replaced(
         judgement="pixelwise", receptive_field=100, cell=1, pool_sigma=0, periphery=0, units="3x3",
-        history=0,
+        history=0, interpolated="none",
     )  # fmt: skip
     model = Opplod((SIZE, SIZE), params)
     for frame in approaching(120, 120, 24, 18):
