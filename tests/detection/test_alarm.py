@@ -70,6 +70,12 @@ def test_long_enough_within_the_latest_window(enough: float, expected: list[int]
     assert alarms([0, 0, 2, 0, 2, 0, 0, 0, 0], params) == expected
 
 
+def test_evidence_between_release_and_threshold_at_the_end_of_an_alarm_does_not_count() -> None:
+    """The alarm ends at frame 3; the next one needs two frames above the threshold."""
+    params = BARE.replaced(enough_s=1 / RATE, window_s=1 / RATE, hold_s=1 / RATE, release=0.5)
+    assert alarms([2, 2, 0, 0.6, 2, 2], params) == [1, 2, 5]
+
+
 def test_long_enough_takes_the_same_time_at_any_frame_rate() -> None:
     params = BARE.replaced(enough_s=0.03, window_s=0.09)
     for rate in (10, 15, 24, 30, 60, 120, 240, 1000):

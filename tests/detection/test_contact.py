@@ -59,6 +59,19 @@ def test_one_growth_too_small_is_left_out_and_one_too_large_gives_none() -> None
     assert after(large) is None
 
 
+def test_growth_that_is_left_out_does_not_count_as_earlier_growth() -> None:
+    """Of ten growths the first is half of what it should be: the size has grown by 28 / 20."""
+    contact = Contact(PlaceParams(least_growth=1.39))
+    strict = Contact(PlaceParams(least_growth=1.41))
+    for t in range(1, 11):
+        for each in (contact, strict):
+            each.add(t / RATE, 1 / RATE, Growth(-(0.5 if t == 1 else 1) / (31 - t), SURE))
+    left = contact.remaining(10 / RATE)
+    assert left
+    assert left[0] == pytest.approx(20 / RATE, rel=1e-9)
+    assert strict.remaining(10 / RATE) is None
+
+
 def test_better_known_growth_counts_more() -> None:
     """Contact in 10 or 20 frames, with errors of 1 and 2: (10 + 20 / 4) / 1.25 is 12."""
     contact = Contact(PlaceParams(least_s=0, least_growth=1, largest_error=10))

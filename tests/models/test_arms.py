@@ -99,6 +99,17 @@ def test_its_parameters() -> None:
 
 
 @pytest.mark.once
+def test_only_the_units_of_a_grid_answer() -> None:
+    """The square grows away from the only unit, in the middle of the frame."""
+    model = Opplod((240, 240), PARAMS.replaced(units="1x1"))
+    for half in np.arange(20, 40, 1.5):
+        answer = model.step(np.roll(square(half), 40, 1))
+    assert np.count_nonzero(model.units.responses) <= 1
+    assert answer is not None
+    assert answer.box is None or answer.box.centre == (120, 120)
+
+
+@pytest.mark.once
 def test_the_calcium_signal_has_a_column_of_its_own() -> None:
     names = {
         preset: [column.name for column in columns_for(["opplod"], rmo=False, presets=(preset,))]

@@ -32,7 +32,7 @@ def bands(share: float) -> Luma:
     return np.asarray(1 + share * np.sin(2 * np.pi * 1.5 * rows), np.float32)
 
 
-@pytest.mark.parametrize("gain", [0.8, 0.97, 1.1])
+@pytest.mark.parametrize("gain", [0.8, 0.97, 0.995, 1.1])
 def test_one_gain_of_all_cells_is_the_change_of_the_light(gain: float) -> None:
     found = change_of_light(scene(), scene() * np.float32(gain))
     assert found.shape == (1, 1)

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, threshold
+from oppload_cli.models.layers import Layers
+from oppload_cli.models.timebase import Clock
 from tests import reference
 from tests.media import edge
 
@@ -55,6 +57,20 @@ def test_faster_edges_answer_more() -> None:
     values = [each.response for each in responses if each]
     assert values[0] == 0
     assert values[1] < values[2] < values[3]
+
+
+@pytest.mark.parametrize(("speed", "answers"), [(3, False), (10, True)])
+def test_an_edge_answers_at_half_the_rate_if_it_does_at_30_frames_per_second(
+    speed: int, answers: bool
+) -> None:
+    """The table of docs/model.md, section 3: S is 0 up to 3 px per interval, and 3.28 at 10."""
+    clock = Clock()
+    model = Dlgmd((40, 200), layers=Layers((40, 200), clock))
+    for t, frame in enumerate(edge(2 * speed, 8)):
+        clock.time_s = t / 15
+        answer = model.step(frame)
+    assert answer is not None
+    assert (answer.response > 0, answer.s > 0) == (answers, answers)
 
 
 def test_a_still_scene_answers_nothing() -> None:

@@ -16,6 +16,7 @@ from oppload_cli.models.dpc import (
     inhibition,
     presynaptic_sums,
     rectified,
+    smaller,
 )
 from oppload_cli.models.layers import Dpc, Layers, Photoreceptors
 from tests import reference
@@ -45,6 +46,15 @@ def all_of(sums: PresynapticSums) -> list[Luma]:
 
 
 # ---- The equations -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(7, 9), (4, 3), (1, 5)])
+def test_a_smaller_frame_has_means_of_complete_squares(shape: tuple[int, int]) -> None:
+    (luma,) = random_frames(shape, 1)
+    found = smaller(luma, 2)
+    assert found.shape == (max(1, shape[0] // 2), shape[1] // 2)
+    if shape[0] > 1:
+        np.testing.assert_allclose(found, reference.smaller(luma, 2), rtol=1e-6)
 
 
 @pytest.mark.parametrize("axes", [(45, 135), (0, 90)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.resources import files
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.models import published
 from oppload_cli.models.bank import DetectorBank
-from oppload_cli.models.published import zhou_lrf
+from oppload_cli.models.published import emd_lplc2_gf, zhou_lrf
 from oppload_cli.models.registry import detector_named
 from tests.models import lplc2_reference as literal
 
@@ -150,6 +151,22 @@ def test_emd_lplc2_gf_reduces_taller_frames() -> None:
     one, other = answers("emd_lplc2_gf", small)[-1], answers("emd_lplc2_gf", large)[-1]
     assert (one.active, one.lplc2_max) == (other.active, pytest.approx(other.lplc2_max))
     assert other.box == pytest.approx([2 * side for side in one.box])
+
+
+def test_the_input_of_the_giant_fibre_counts_a_share_of_all_units() -> None:
+    """The authors' 2500 active units of 200 x 150 are an input of 1 (docs/detectors.md)."""
+    found = answers("emd_lplc2_gf", [each[15:135, 20:180] for each in scene("looming")])[1:]
+    drives = [each.active / 2500 * 30_000 / (160 * 120) for each in found]
+    assert sum(drive > 0 for drive in drives) > 3
+    for (before, drive), each in zip(pairwise(drives), found[1:], strict=True):
+        expected = 250 * drive * (drive - before) / 0.01 / 57.6 if before else 0
+        assert each.current == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_voltage_of_the_giant_fibre_stays_at_its_least_value() -> None:
+    """As in the authors' code: a current no longer changes it."""
+    assert emd_lplc2_gf._membrane(-90.0, 0.0) == (-80.0, 0)
+    assert emd_lplc2_gf._membrane(-80.0, 500.0) == (-80.0, 0)
 
 
 @pytest.mark.parametrize("name", ["emd_lplc2_gf", "zhou_lrf"])

@@ -273,12 +273,18 @@ def test_the_frame_at_half_its_size_answers_before_two_intervals_have_passed() -
     assert both[6].opponency > two[6].opponency
 
 
-@pytest.mark.parametrize("changes", [{"stride": 2}, {"halved_weight": 1.5}])
+@pytest.mark.parametrize(
+    "changes", [{"stride": 2}, {"halved_weight": 1.5}, {"border": 4}, {"light_s": 4}]
+)
 def test_a_model_of_several_parts_can_be_used_again(changes: dict[str, float]) -> None:
+    """There is a bar at the left, and the last frame is the first one in less light."""
     frames = [
-        each * np.float32(1 if t in {3, 7, 11, 15} else 0.02)
+        0.5 + (each - np.float32(0.5)) * np.float32(1 if t in {3, 7, 11, 15} else 0.02)
         for t, each in enumerate(np.random.default_rng(21).random((16, 60, 80), dtype=np.float32))
     ]
+    for frame in frames:
+        frame[:, :12] = 0.2
+    frames.append(frames[0] * np.float32(0.8))
     params = REFERENCE.replaced(receptive_field=40, cell=5, adaptation_level=1e-6, history=0)
     model = Opplod((60, 80), params.replaced(adaptation_guard_s=0, **changes))
     first = [model.step(frame) for frame in frames]

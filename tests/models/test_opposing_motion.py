@@ -234,12 +234,18 @@ def test_persistence_keeps_a_share_of_r_from_frame_to_frame() -> None:
     params = REFERENCE.replaced(receptive_field=30, cell=5, pool_sigma=1.0, persistence=0.75)
     kept = PooledJudgement(SHAPE, params)
     plain = PooledJudgement(SHAPE, params.replaced(persistence=0.0))
+    adapting = {"adaptation_level": 1e-3, "adaptation_guard_s": 0}
+    adapted = PooledJudgement(SHAPE, params.replaced(**adapting))
     rng = np.random.default_rng(4)
-    expected = np.zeros_like(plain.maps.responses)
+    expected, before = np.zeros_like(plain.maps.responses), list[float]()
     for _ in range(5):
         maps = layers({phi: rng.random(SHAPE) for phi in range(45, 360, 90)})
         expected = 0.75 * expected + 0.25 * plain.opponency(maps)[0]
         assert kept.judge(maps).opponency == pytest.approx(expected.max(), rel=1e-5)
+        # What is kept is R before it is adapted.
+        factor = 1e-3 / np.median(before) if before else 1
+        assert adapted.judge(maps).opponency == pytest.approx(factor * expected.max(), rel=1e-5)
+        before.append(float(expected.max()))
     kept.reset()
     assert kept.judge(maps).opponency == pytest.approx(0.25 * plain.judge(maps).opponency, rel=1e-5)
 

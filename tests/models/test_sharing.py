@@ -64,6 +64,9 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         # the third frame on, and P in the frame at half its size.
         ([DEFAULT], 11 + 10 + 11, 6 + 9),
         ([DLGMD, DEFAULT, DIFFERENCE], 11 + 10 + 11, 9 + 6 + 9),
+        # Steady light changes frames, and motion at the edge changes S_phi: nobody may share them.
+        ([DLGMD, REFERENCE.replaced(light_s=4)], 11 + 11, 9 + 9),
+        ([DLGMD, REFERENCE.replaced(entering=24)], 11 + 11, 9 + 9),
     ],
 )
 def test_equal_layers_are_computed_once(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import DpcParams, excitation, referred
@@ -192,6 +193,21 @@ def test_s_of_an_edge_is_referred_to_one_interval(speed: float, share: float) ->
     # The same in the other direction: the actual interval is too short.
     back = referred(expected, e * share, 1 / share, directional=True)
     assert back == pytest.approx(s, rel=0.12)
+
+
+@pytest.mark.parametrize("speed", [0.5, 3])
+def test_the_motion_of_the_arms_is_referred_to_one_interval(speed: float) -> None:
+    """The same edge at 30 and at 15 frames/s; the slow one has S of the square of its speed."""
+    params = LPLC2.resolved(240)
+    judgement, amounts = ArmsJudgement((40, 160), params), dict.fromkeys((30, 15), 0.0)
+    for rate, phase in itertools.product(amounts, np.arange(4) / 4):
+        layers = Layers((40, 160), Clock())
+        dpc = layers.dpc(params, params.both_axes)
+        for t in range(4):
+            layers.clock.time_s = t / rate
+            dpc.step(edge_at(60 + phase + speed * t * 30 / rate))
+        amounts[rate] += float(judgement.pooled(dpc.layer)[0].sum())
+    assert amounts[15] == pytest.approx(amounts[30], rel=0.1)
 
 
 def test_s_over_the_reference_interval_stays_as_it_is() -> None:
