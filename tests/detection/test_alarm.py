@@ -100,6 +100,18 @@ def test_an_alarm_is_held_after_its_last_frame() -> None:
     assert alarms(responses, BARE.replaced(hold_s=4 / RATE)) == [1, 2, 3, 4, 5, 6, 7]
 
 
+def test_a_hold_of_one_step_holds_over_times_that_are_rounded_to_milliseconds() -> None:
+    alarm = Alarm("opplod", BARE.replaced(hold_s=1 / 30))
+    shown = ((0.0, 0.0), (0.033, 2.0), (0.067, 0.0), (0.1, 0.0))
+    assert [alarm.step(each, time_s) for time_s, each in shown] == [False, True, True, False]
+
+
+@pytest.mark.parametrize(("late", "on"), [(0.5, True), (0.53125, False)])
+def test_a_step_of_more_than_two_usual_steps_is_a_gap(late: float, on: bool) -> None:
+    alarm = Alarm("opplod", BARE)
+    assert [alarm.step(2.0, time_s) for time_s in (0.0, 0.125, 0.25, late)] == [True] * 3 + [on]
+
+
 def test_an_alarm_ends_in_a_gap_between_frames() -> None:
     """Held to 0.6 s, it has ended when the next frame comes a minute later, whatever that shows."""
     for late, expected in (

@@ -60,6 +60,13 @@ def test_it_is_held_against_the_largest_of_five_frames() -> None:
     assert blind([*MOTION, large, *MOTION[:4], cut], blind_s=0.04) == []
 
 
+def test_the_latest_three_changes_count_however_old_they_are() -> None:
+    """Frames come once in 0.2 s, so that only one change is less than 0.18 s old."""
+    large, small, cut = changed(0.02, 0.3), changed(0.009, 0.3), changed(0.041, 0.9)
+    assert blind([large, small, small, cut], rate=5, hold_s=1, blind_s=0.04) == []
+    assert blind([large, *[small] * 3, cut], rate=5, hold_s=1, blind_s=0.04) == [4]
+
+
 def test_pixels_that_change_less_than_a_quarter_of_the_mean_do_not_count() -> None:
     p = np.full((10, 10), 0.0099, np.float32)
     p[:4] = 0.09

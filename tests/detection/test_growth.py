@@ -78,6 +78,10 @@ def test_a_noisy_edge_that_moves_is_no_sure_growth(moved: int) -> None:
 def test_a_region_without_anything_tells_nothing() -> None:
     grey = np.full((HEIGHT, WIDTH), 0.5, np.float32)
     assert grown(grey, grey).shrinkage == 0
+    # So the guess stays, unless it is beyond a factor of 4.
+    for start, expected in ((-0.74, -0.74), (-0.76, None), (2.9, 2.9), (3.1, None)):
+        found = growth(Pyramid(grey), Pyramid(grey), (160, 120, 24, 24), start)
+        assert (found and found.shrinkage) == (expected and pytest.approx(expected))
     assert grown(grey, grey).error > 1
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import numpy as np
 import pytest
@@ -133,6 +134,18 @@ def test_nothing_is_found_where_nothing_looms() -> None:
     receding = approaching(120, 120, 26, 20)[::-1]
     for frames in (still, drift, moving, receding):
         assert not any(shown(frames)[5:])
+
+
+def test_an_object_that_no_longer_moves_keeps_its_extent() -> None:
+    """Persistence keeps the response of its unit, but no product shows its size."""
+    model, places = Opplod((SIZE, SIZE), REFERENCE), Places(PLACES)
+    for frame in approaching(120, 120, 24, 18):
+        model.step(frame)
+    first = copy(places.step(model.units, frame, 0)[0])
+    still = {phi: np.zeros_like(s) for phi, s in model.units.pathways.items()}
+    later = places.step(model.units._replace(pathways=still), frame, 1 / RATE)[0]
+    assert (later.identity, later.extent) == (first.identity, first.extent)
+    assert later.time_to_contact_s is None
 
 
 def test_units_of_the_literal_model_are_objects_with_their_field() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -10,15 +11,18 @@ import pytest
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.arms import (
     DIRECTIONS,
+    ArmsJudgement,
     arm_response,
     arm_weights,
     graded_motion,
     smoothing,
 )
 from oppload_cli.models.dpc import DpcParams, Kernels
+from oppload_cli.models.layers import Dpc
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.results.table import columns_for
+from tests import reference
 
 if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
@@ -98,6 +102,43 @@ def test_its_parameters() -> None:
         PARAMS.replaced(axes=45)
 
 
+def test_motion_that_is_not_graded_is_the_largest_s_of_the_four_pathways() -> None:
+    params = PARAMS.replaced(graded=False, history=0).resolved(96)
+    dpc = Dpc((96, 96), params, (0, 90))
+    for t in range(4):
+        dpc.step(edge(30, 2.0 * t))
+    amount, parts = ArmsJudgement((96, 96), params).pooled(dpc)
+    cell, sum_of_w_e = params.cell_px, float(dpc.kernels.excitation.sum())
+    for found, s in zip(
+        (amount, *parts),
+        (np.max([*dpc.sums.pathways.values()], 0), *(dpc.sums.pathways[phi] for phi in DIRECTIONS)),
+        strict=True,
+    ):
+        expected = reference.pooled(s, cell, params.pool_sigma) / sum_of_w_e
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6)
+    assert 0 < parts[0].max() < parts[0].max() + parts[1].max()
+
+
+def test_suppression_and_calcium_take_their_time_at_any_rate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The same motion in all frames, of one interval or of two, of 1/30 s or of 1/60 s."""
+    maps = np.random.default_rng(3).random((5, 22, 22), dtype=np.float32)
+    monkeypatch.setattr(ArmsJudgement, "pooled", lambda *_: (maps[0], list(maps[1:])))
+    params = PARAMS.replaced(suppression_s=0.2, calcium_s=1.0, units="every").resolved(176)
+    found = []
+    for elapsed, per_second, times in ((1.0, 30.0, 8), (2.0, 30.0, 4), (2.0, 60.0, 8)):
+        judgement = ArmsJudgement((176, 176), params, per_second)
+        dpc = cast("Dpc", SimpleNamespace(photoreceptors=SimpleNamespace(elapsed=elapsed)))
+        judged = [judgement.judge(dpc).opponency for _ in range(times)][-1]
+        found.append((judged, judgement.calcium))
+    (one, calcium), *others = found
+    assert calcium is not None
+    assert calcium > 0
+    assert [each for each, _ in others] == pytest.approx([one] * 2, rel=1e-5)
+    assert others[1][1] == pytest.approx(calcium, rel=0.05)
+
+
 @pytest.mark.once
 def test_only_the_units_of_a_grid_answer() -> None:
     """The square grows away from the only unit, in the middle of the frame."""
@@ -126,6 +167,7 @@ def test_the_calcium_signal_has_a_column_of_its_own() -> None:
         assert answer.calcium is not None
         assert answer.calcium <= signal + 1e-6
     assert known[-1].calcium == pytest.approx(signal, rel=0.5)
+    assert model.at_rest() == Opplod.responses(0.0, calcium=known[-1].calcium)
     model.reset()
     assert not model.units.responses.any()
     assert [model.step(square(half)) for half in np.arange(20, 40, 1.5)] == answers

@@ -12,7 +12,7 @@ import pytest
 from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.models import published
 from oppload_cli.models.bank import DetectorBank
-from oppload_cli.models.published import emd_lplc2_gf, zhou_lrf
+from oppload_cli.models.published import emd_lplc2_gf, mlplc2, zhou_lrf
 from oppload_cli.models.registry import detector_named
 from tests.models import lplc2_reference as literal
 
@@ -121,6 +121,20 @@ def test_hua_is_the_literal_version(variant: str) -> None:
     found = answers(f"hua_{variant}", frames)
     assert found[:2] == [None, None]
     assert_equal(found, literal.hua(frames, literal=variant == "literal"), 3e-4)
+    for each in found[2:]:
+        assert each.response == pytest.approx(each.product**0.25)
+
+
+def test_hua_counts_the_delay_in_milliseconds() -> None:
+    """Half the delay at twice the rate is the same for frames."""
+    kind = detector_named("hua_fixed")
+    models = (
+        kind((40, 51), kind.parameters(low_pass_ms=30.0 * 30 / rate), frame_rate=rate)  # type: ignore[call-arg]
+        for rate in (30, 60)
+    )
+    frames = [np.asarray(each, np.float32) / np.float32(255) for each in textured(5, (40, 51))]
+    one, other = ([model.step(each) for each in frames] for model in models)
+    assert one == other
 
 
 def test_mlplc2_is_the_literal_version() -> None:
@@ -151,16 +165,20 @@ def test_emd_lplc2_gf_reduces_taller_frames() -> None:
     one, other = answers("emd_lplc2_gf", small)[-1], answers("emd_lplc2_gf", large)[-1]
     assert (one.active, one.lplc2_max) == (other.active, pytest.approx(other.lplc2_max))
     assert other.box == pytest.approx([2 * side for side in one.box])
+    assert one.box.centre == (one.max_x + 1, one.max_y + 1)  # motion is between two pixels
 
 
 def test_the_input_of_the_giant_fibre_counts_a_share_of_all_units() -> None:
     """The authors' 2500 active units of 200 x 150 are an input of 1 (docs/detectors.md)."""
-    found = answers("emd_lplc2_gf", [each[15:135, 20:180] for each in scene("looming")])[1:]
+    shown = [each[15:135, 20:180] for each in scene("looming")]
+    found = answers("emd_lplc2_gf", [*shown, *shown[::-1]])[1:]
     drives = [each.active / 2500 * 30_000 / (160 * 120) for each in found]
     assert sum(drive > 0 for drive in drives) > 3
     for (before, drive), each in zip(pairwise(drives), found[1:], strict=True):
         expected = 250 * drive * (drive - before) / 0.01 / 57.6 if before else 0
         assert each.current == pytest.approx(expected, rel=1e-9)
+        assert each.response == max(0, each.current)
+    assert min(each.current for each in found) < 0
 
 
 def test_the_voltage_of_the_giant_fibre_stays_at_its_least_value() -> None:
@@ -231,6 +249,20 @@ def test_frames_too_small_for_the_fields_are_refused(name: str, shape: tuple[int
 def test_an_odd_element_is_refused() -> None:
     with pytest.raises(ParameterError, match="must be even"):
         zhou_lrf.ZhouLrfParams(element=5)
+
+
+def test_the_middle_of_a_field_of_attention_is_right_below() -> None:
+    """The field reaches 75 px to the left and up, and 74 px to the right and down."""
+    field = mlplc2._Attention(1, 100, 100)
+    places = np.array([[100, 100, 25, 174, 175, 100], [100, 25, 100, 100, 100, 175]])
+    right_down = np.array([[3.0, -1, 0, 0, 9, 9], [2.0, 0, -4, 8, 9, 9]])
+    field.take(places[0], places[1], right_down)
+    assert field.quadrants == (0, 4, 1, 5 + 8)  # upper right, upper left, lower left, lower right
+
+
+def test_a_threshold_that_no_signal_reaches_gives_no_motion() -> None:
+    found = answers("mlplc2", scene("looming")[24:], compression_threshold=1)
+    assert {each.max_mag for each in found[1:]} == {0}
 
 
 def test_both_variants_of_hua_share_their_motion() -> None:

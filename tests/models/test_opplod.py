@@ -38,7 +38,7 @@ def strongest(frames: list[np.ndarray], params: OpplodParams) -> tuple[float, in
 @pytest.mark.parametrize("axes", [45, 0])
 @pytest.mark.parametrize(
     ("shape", "cell", "field", "sigma"),
-    [((40, 61), 5, 30, 1.0), ((33, 29), 7, 28, 1.5), ((3, 5), 8, 100, 1.5)],
+    [((40, 61), 5, 38, 1.0), ((33, 29), 7, 28, 1.5), ((3, 5), 8, 100, 1.5)],
 )
 def test_pooled_opponency_agrees_with_the_literal_reference(
     shape: tuple[int, int], cell: int, field: int, sigma: float, axes: int
@@ -294,6 +294,17 @@ def test_a_model_of_several_parts_can_be_used_again(changes: dict[str, float]) -
     assert not model.units.pathways
     assert not any(each.any() for each in model.maps.values())
     assert [model.step(frame) for frame in frames] == first
+
+
+def test_bars_are_known_after_a_quarter_of_a_second_at_any_rate() -> None:
+    model = Opplod((60, 80), DEFAULT, frame_rate=60)
+    known = []
+    for luma in 0.5 + 0.4 * np.random.default_rng(1).random((20, 60, 80), dtype=np.float32):
+        luma[:, :12] = 0.1
+        model.step(luma)
+        assert model._bars
+        known.append(model._bars.widths.left)
+    assert known == [0] * 15 + [12] * 5  # the first frame shows the strip, and then 15 steps pass
 
 
 def test_the_fields_of_the_preset() -> None:

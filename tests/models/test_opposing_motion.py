@@ -180,6 +180,24 @@ def test_a_bar_is_left_out_at_its_own_side(
     np.testing.assert_array_equal(judgement.maps.pathways[45], counts[at])
 
 
+def test_motion_at_the_edge_of_the_picture_is_left_out_at_half_the_size() -> None:
+    """A bar of 12 px and 8 px beside it are 6 px and 4 px there."""
+    params = REFERENCE.replaced(receptive_field=30, cell=5, border=2, entering=8)
+    half = Dpc((20, 30), DpcParams(), (45, 135))
+    for t in range(4):  # all pixels change
+        half.step(np.full((20, 30), t % 2, np.float32))
+    for s in half.sums.pathways.values():
+        s[:] = 1
+    judgement = PooledJudgement(SHAPE, params.replaced(halved_weight=1))
+    maps = layers({phi: np.ones(SHAPE) for phi in range(45, 360, 90)})
+    judgement.judge(maps, half, Widths(left=12))
+    expected = np.zeros((20, 30))
+    expected[:, :6] = expected[4:-4, 10:-4] = 1
+    np.testing.assert_array_equal(half.sums.pathways[45], expected)
+    counts = judgement._pooling[2][1].any(axis=0)  # the border and the bar weigh nothing
+    np.testing.assert_array_equal(np.flatnonzero(counts), np.arange(7, 29))
+
+
 def test_the_compression_widens_what_a_thin_edge_gives() -> None:
     """The square root of a Gaussian is a Gaussian with sqrt(2) times its sigma."""
     params = [REFERENCE.replaced(compression=each).resolved(240) for each in (1.0, 0.5)]
@@ -215,19 +233,22 @@ def test_adaptation_divides_by_the_median_of_the_background() -> None:
     plain = PooledJudgement(SHAPE, params.replaced(adaptation_level=0.0))
     rng = np.random.default_rng(3)
     raw: list[float] = []
-    divided = 0
+    divided = whole = 0
     for t in range(30):
-        maps = layers({phi: rng.random(SHAPE) * (1 + t % 4) for phi in range(45, 360, 90)})
+        amount = 1 + t % 4 if t < 20 else 0.5  # at the end, nothing is divided
+        maps = layers({phi: rng.random(SHAPE) * amount for phi in range(45, 360, 90)})
         judged = judgement.judge(maps)
         before = sorted(raw[max(0, t - 10) : max(0, t - 2)])
         background = float(np.median(before)) if before else 0.0
         raw.append(plain.judge(maps).opponency)
         factor = min(1.0, 2.0 / background) if background else 1.0
         divided += factor < 1
+        whole += 0 < background < 1.9
         assert judged.opponency == pytest.approx(factor * raw[-1], rel=1e-5)
         assert judged.response == pytest.approx((factor * raw[-1]) ** 2, rel=1e-5)
         assert judgement.maps.responses.max() == pytest.approx(judged.response, rel=1e-5)
     assert divided > 15
+    assert whole > 1
 
 
 def test_persistence_keeps_a_share_of_r_from_frame_to_frame() -> None:

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from oppload_cli.models.detector import Box
+from oppload_cli.models.layers import Layers
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import PixelwiseJudgement
+from oppload_cli.models.timebase import Clock
 from tests import reference
 from tests.media import disk, looming
 from tests.presets import PAPER
@@ -30,6 +32,23 @@ def test_agrees_with_the_literal_reference() -> None:
     )
     assert answer is not None
     assert answer.response == pytest.approx(expected, rel=1e-5)
+
+
+def test_s_over_two_intervals_is_halved() -> None:
+    """A product has two factors S, S_E is its square, and the response has four."""
+    params, values = PAPER.replaced(receptive_field=20), np.random.default_rng(9)
+    maps = values.random((4, 30, 40), dtype=np.float32)
+    responses = []
+    for rate in (30, 15):
+        layers = Layers((30, 40), Clock())
+        dpc = layers.dpc(params, params.both_axes)
+        for t, frame in enumerate(np.resize(maps, (4, 30, 40))):
+            layers.clock.time_s = t / rate
+            dpc.step(frame)
+        for s, each in zip(dpc.layer.sums.pathways.values(), maps, strict=True):
+            s[:] = each
+        responses.append(PixelwiseJudgement((30, 40), params).judge(dpc.layer).response)
+    assert responses[1] == pytest.approx(responses[0] / 2**4, rel=1e-5)
 
 
 def test_the_grid_covers_the_frame() -> None:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.published.parts import total
+from oppload_cli.models.published import ci_lmd
+from oppload_cli.models.published.parts import at_least, mean_change, total
 from oppload_cli.models.registry import detector_named
 from tests.models import published_reference as literal
 
@@ -134,15 +135,85 @@ def test_the_sum_of_a_map_does_not_depend_on_its_place_in_memory() -> None:
     assert len(sums) == 1
 
 
+def test_large_sums_of_changes_are_rounded_as_those_of_the_authors() -> None:
+    """Above 2^24 they are even: two changes of 255 add 254 and 256, or twice 256."""
+    summed = np.float32(0)
+    for _ in range(66_000):
+        summed += np.float32(255)
+    assert summed != 255 * 66_000
+    assert mean_change(np.full((66, 1000), -255, np.float32)) == float(summed) / 66_000
+
+
+def test_values_at_a_threshold_count() -> None:
+    """A mean change of exactly 10 silences the next frame, and one of 9 does not."""
+    for level, silent in ((10, True), (9, False)):
+        frames = [np.full((8, 8), each, np.uint8) for each in (0, level, 80)]
+        assert (answers("lgmd1_single", frames)[-1].mp == 0) is silent
+    model = model_of("lgmd1_group", scene("dark"), layer_threshold=2)
+    found = model._thresholded(np.array([-2.0, -1.9, 1.9, 2]))  # type: ignore[attr-defined]
+    assert found.tolist() == [-2, 0, 0, 2]
+    p = np.full((36, 49), 100.0)  # earlier change below the threshold does not inhibit
+    assert model._respond_to(p, p / 100).sum_abs_s == p.sum()  # type: ignore[attr-defined]
+    assert at_least(np.array([[29.999, 30]], np.float32), 30).tolist() == [[0, 30]]
+
+
+def test_each_mask_of_plgmd_is_that_of_its_own_layer() -> None:
+    """Without G nothing is left; without inhibition more is left than with it."""
+    rng = np.random.default_rng(3)
+    q, before = rng.uniform(50, 200, (2, 20, 30))
+    sums = []
+    for closed in (None, 0, 1, 2):  # of Q and E, of I, of G
+        model = model_of("plgmd", [np.zeros((20, 30), np.uint8)], p=0.5)
+        masks = np.ones((11, 20, 30), np.bool_)
+        masks[[] if closed is None else closed] = False
+        model._masks = lambda masks=masks: masks  # type: ignore[attr-defined]
+        sums.append(model._sum_of_g(q, before))  # type: ignore[attr-defined]
+    everything, without_e, without_i, without_g = sums
+    assert without_g == 0
+    assert without_i > everything > 0
+    assert without_e != everything
+
+
+def test_the_count_of_spikes_is_a_byte() -> None:
+    still = [np.zeros((8, 8), np.uint8)] * 258
+    counts = [each.nsp for each in answers("lgmd1_single", still, spike=0)[1:]]
+    assert counts == [*range(1, 256), 0, 1]
+
+
+def test_ci_lmd_sees_nothing_where_both_gaussians_differ_in_sign() -> None:
+    """The dark pixel lies within the wide Gaussian only."""
+    p = np.zeros((11, 11), np.float32)
+    p[5, 5], p[5, 9] = 1, -100
+    assert ci_lmd._difference(p)[5, 5] == 0
+    assert ci_lmd._difference(np.maximum(p, 0))[5, 5] > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "per_pixel"),
+    [
+        *((each, "mp", True) for each in ("lgmd1_single", "lgmd1_onoff", "lgmd2", "lgmd_plus")),
+        *(("lgmd1_group", "sum_abs_g", True), ("plgmd", "sumg_mean", True)),
+        *(("ttc_gradient", "best_score", False), ("area_growth", "growth", False)),
+    ],
+)
+def test_the_response_is_one_of_the_values(name: str, value: str, per_pixel: bool) -> None:
+    """The table of docs/detectors.md."""
+    found = answers(name, scene("bright"))[2:]
+    expected = [max(0, getattr(each, value)) / (36 * 49 if per_pixel else 1) for each in found]
+    assert [each.response for each in found] == pytest.approx(expected)
+    assert max(expected) > 0
+
+
 def test_the_milliseconds_of_a_frame_are_cut_to_an_integer() -> None:
     kind = detector_named("lgmd2")
     rates = {30: 33, 60: 16, 29.97: 33, 1000 / 30: 30, 1000 / 15: 15, 2000: 1, None: 33}
     assert {rate: kind((9, 9), frame_rate=rate).ti for rate in rates} == rates  # type: ignore[attr-defined]
 
 
-def test_a_collision_stays_over_a_still_scene() -> None:
+@pytest.mark.parametrize("name", ["lgmd1_single", "lgmd1_onoff", "lgmd_plus"])
+def test_a_collision_stays_over_a_still_scene(name: str) -> None:
     frames = growing(1.0)
-    model = model_of("lgmd1_single", frames, spike=0.5)
+    model = model_of(name, frames, spike=0.5)
     last = [model.step(light(each)) for each in frames][-1]
     assert (last.collision, model.at_rest().collision) == (1, 1)  # type: ignore[union-attr,attr-defined]
     model.reset()
@@ -153,6 +224,7 @@ def test_a_collision_stays_over_a_still_scene() -> None:
     ("name", "lasting"),
     [
         ("area_growth", ("area", "size")),
+        ("emd_lplc2_gf", ("v_end", "collision")),
         ("mlplc2", ("n_fields", "field_id", "field_x", "field_y")),
         ("hua_literal", ("q_right_down", "q_left_down", "q_left_up", "q_right_up", "product")),
     ],
@@ -322,6 +394,7 @@ def test_ttc_gradient_tells_the_time_to_contact_and_the_place() -> None:
     retreat = answers("ttc_gradient", [surface(each / 40) for each in left[::-1]])
     assert retreat[-1].c < 0
     assert retreat[-1].response < 0.2 * found[-1].response
+    assert min(each.response for each in retreat if each) >= 0
 
 
 def test_ttc_gradient_answers_with_the_smallest_window() -> None:

@@ -17,6 +17,7 @@ from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.presets import PRESETS, VARIANTS, preset_in, preset_named
 from oppload_cli.models.published.lgmd1_group import Lgmd1GroupPaperParams
+from oppload_cli.pipeline.settings import _TOP_LEVEL, parameter_sets
 from oppload_cli.schema import Parameters
 
 if TYPE_CHECKING:
@@ -230,6 +231,14 @@ def test_a_wrong_detector_is_refused_with_its_name_and_the_reason(
     name = values.get("name", "other")
     assert message.startswith(f"detector '{name}' ({__name__}.Odd): ")
     assert list(registry.detectors()) == NAMES
+
+
+@pytest.mark.parametrize(
+    "name", sorted({*parameter_sets(), *_TOP_LEVEL, registry.ALL} - {*registry.known_names()})
+)
+def test_a_name_with_a_meaning_in_settings_is_taken(name: str) -> None:
+    with pytest.raises(ParameterError, match=f"detector '{name}' .*: its name is taken"):
+        registry.register(type("Odd", (Other,), {"name": name}))
 
 
 def test_a_second_detector_of_one_name_is_refused() -> None:

@@ -16,7 +16,7 @@ from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import DpcParams, excitation, referred
 from oppload_cli.models.layers import Dpc, Layers, Photoreceptors
 from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.opposing_motion import has_history
+from oppload_cli.models.opposing_motion import PooledJudgement, has_history
 from oppload_cli.models.timebase import Clock, TimeParams, time_params
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
@@ -81,7 +81,10 @@ def test_each_frame_is_compared_with_that_one_interval_earlier(
 
 @pytest.mark.parametrize(
     ("rate", "back", "share"),
-    [(15, 1, 1), (25, 2, 5 / 6), (30, 2, 1), (33, 2, 1.1), (50, 4, 5 / 6), (60, 4, 1)],
+    [
+        *((15, 1, 1), (19, 1, 19 / 15), (25, 2, 5 / 6), (30, 2, 1), (33, 2, 1.1)),
+        *((50, 4, 5 / 6), (60, 4, 1)),
+    ],
 )
 def test_a_stride_of_two_is_two_intervals(rate: int, back: int, share: float) -> None:
     """At 50 frames/s, 0.06 s is not much nearer to two intervals than 0.08 s: 0.08 s is taken."""
@@ -115,6 +118,13 @@ def test_of_very_many_frames_some_are_kept() -> None:
     assert len(layer._kept) <= 36
 
 
+def test_only_the_frames_of_the_latest_intervals_are_kept() -> None:
+    each, chain = seen([t / 30 for t in range(20)], numbered(20))._latest, 0
+    while each.before:  # the frame that it was compared with
+        each, chain = each.before, chain + 1
+    assert chain == 3
+
+
 def test_a_lower_rate_counts_after_a_few_steps_and_a_higher_one_after_many() -> None:
     for steps, expected in (
         ([1] * 15 + [2] * 2, 1),
@@ -130,10 +140,11 @@ def test_a_lower_rate_counts_after_a_few_steps_and_a_higher_one_after_many() -> 
 
 
 def test_coarse_changes_are_means_over_squares_centred_in_the_frame() -> None:
-    now = np.random.default_rng(5).random((8, 14), dtype=np.float32)
+    now = np.random.default_rng(5).random((11, 14), dtype=np.float32)
     layer = seen([0, 1 / 30], [np.zeros_like(now), now])
-    expected = now[:, 1:13].reshape(2, 4, 3, 4).mean(axis=(1, 3))
+    expected = now[1:9, 1:13].reshape(2, 4, 3, 4).mean(axis=(1, 3))
     np.testing.assert_allclose(layer.coarse((2, 3))[0], expected, rtol=1e-6)
+    np.testing.assert_allclose(layer.coarse((1, 1))[0], now[:, 1:12].mean(), rtol=1e-6)
 
 
 def test_times_that_stand_still_or_go_back_count_as_steps() -> None:
@@ -196,17 +207,21 @@ def test_s_of_an_edge_is_referred_to_one_interval(speed: float, share: float) ->
 
 
 @pytest.mark.parametrize("speed", [0.5, 3])
-def test_the_motion_of_the_arms_is_referred_to_one_interval(speed: float) -> None:
+def test_pooled_motion_is_referred_to_one_interval(speed: float) -> None:
     """The same edge at 30 and at 15 frames/s; the slow one has S of the square of its speed."""
-    params = LPLC2.resolved(240)
-    judgement, amounts = ArmsJudgement((40, 160), params), dict.fromkeys((30, 15), 0.0)
+    params = LPLC2.resolved(240), REFERENCE.replaced(axes=0, history=0).resolved(240)
+    arms, pooled = ArmsJudgement((40, 160), params[0]), PooledJudgement((40, 160), params[1])
+    amounts = {rate: np.zeros(2) for rate in (30, 15)}
     for rate, phase in itertools.product(amounts, np.arange(4) / 4):
         layers = Layers((40, 160), Clock())
-        dpc = layers.dpc(params, params.both_axes)
+        dpcs = [layers.dpc(each, (0, 90)) for each in params]
         for t in range(4):
             layers.clock.time_s = t / rate
-            dpc.step(edge_at(60 + phase + speed * t * 30 / rate))
-        amounts[rate] += float(judgement.pooled(dpc.layer)[0].sum())
+            for dpc in dpcs:
+                dpc.step(edge_at(60 + phase + speed * t * 30 / rate))
+        pooled.opponency(dpcs[1].layer)
+        s = arms.pooled(dpcs[0].layer)[0], pooled.maps.pathways[0]
+        amounts[rate] += [each.sum() for each in s]
     assert amounts[15] == pytest.approx(amounts[30], rel=0.1)
 
 

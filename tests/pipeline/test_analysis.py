@@ -3,6 +3,7 @@ from __future__ import annotations
 import copy
 import pickle
 import re
+from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ from oppload_cli import (
 )
 from oppload_cli.errors import FrameError, ParameterError, SourceError
 from oppload_cli.models.bank import DetectorBank
-from oppload_cli.pipeline.sources import ArrayLuminance
+from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import WorkingSize
 from tests.detection.showing import approaching
@@ -213,6 +214,14 @@ def test_a_still_scene_answers_zero_from_the_frame_in_which_a_moving_one_is_answ
     for frames in (still, moving):
         answers = [each.responses["dlgmd"] for each in analyse(frames, rate=30.2, rmo=False)]
         assert [each is None for each in answers] == [True] * 3 + [False] * 5
+
+
+def test_the_rate_of_an_array_is_that_of_its_usual_step() -> None:
+    for rate in (Fraction(30000, 1001), Fraction(1, 1 << 20)):
+        assert checked_rate(float(rate)) == rate
+    times = [0, 1 / 32, 2 / 32, 3 / 32, 9]  # after a pause
+    with open_source(np.zeros((5, 8, 8), np.uint8), times=times) as video:
+        assert video.facts.frame_rate == 32
 
 
 def test_a_second_pause_is_shown_to_the_models_with_its_own_times() -> None:

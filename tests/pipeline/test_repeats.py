@@ -159,6 +159,19 @@ def test_a_few_exact_repeats_are_repeats_and_many_are_a_still_scene() -> None:
     assert repeats.exact == 5
 
 
+def test_a_picture_that_is_kept_stands_still_too() -> None:
+    _, kept = answers([np.zeros((4, 4), np.float32)] * 31, handling="keep")
+    assert (kept.exact, kept.still_s) == (30, 1)
+
+
+def test_rests_are_no_repeats_that_make_a_cadence() -> None:
+    """Four rests of 0.23 s, which is longer than a picture is repeated for."""
+    lasts = np.resize([1, 8], 8)
+    pictures = np.random.default_rng(1).random((9, 4, 4)).astype(np.float32)
+    _, repeats = answers([*np.repeat(pictures[:8], lasts, axis=0), pictures[8]])
+    assert not repeats.is_cadence
+
+
 @pytest.mark.parametrize("rate", [12, 25, 30, 50, 60, 240])  # at 50, 0.18 s are 9 frames
 def test_a_picture_is_repeated_for_a_limited_time_at_any_rate(rate: int) -> None:
     still = [np.zeros((4, 4), np.float32)] * rate

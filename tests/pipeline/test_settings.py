@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,8 @@ def test_a_preset_brings_its_own_alarm() -> None:
     reference = resolve(preset="reference", assignments=["alarm.factor=2"])
     assert (reference.alarm.floor_of("opplod"), reference.alarm.factor) == (8e-4, 2)
     assert reference.origins["alarm.opplod_floor"] == "preset reference"
+    assert (resolve().places.floor, reference.places.floor) == (1e-3, 1e-6)
+    assert (resolve().time.interval, resolve(preset="paper").time.interval) == ("1/30", "frame")
     assert not resolve(preset="paper").alarm.on
     assert resolve(preset="paper", assignments=["alarm.on=true"]).alarm.on
 
@@ -141,3 +144,5 @@ def test_settings_of_all_detectors_keep_their_values() -> None:
     floor = alarm_floor_of("plgmd", "reference")
     assert every.groups["alarm"].as_dict()["plgmd_floor"] == floor > 0
     assert whole.with_all_detectors() is whole
+    other = replace(few, groups={**few.groups, "alarm": few.alarm.replaced(factor=5)})
+    assert other.with_all_detectors().alarm.factor == 5
