@@ -223,7 +223,7 @@ class Photoreceptors:
             return None
         older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
         excess = wanted - older[0].at
-        if excess < -NEARLY_ONE * self.stride:
+        if excess < 0:
             # At the start no frame is old enough. Assume a frame one step before the first frame.
             younger, excess = older, excess + now - (self._now or 0.0)
         lacking = younger[0].at - wanted

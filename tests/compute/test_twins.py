@@ -237,6 +237,7 @@ def test_leave_out_moving(side: Callable[[Map], Map]) -> None:
         ((9, 17), 6, 2),
         ((30, 20), 40, 6),
         ((4, 9), 0, 1),
+        ((9, 17), 3, 6),
     ):
         change = rng.random(shape, dtype=np.float32) ** 2
         maps = rng.random((4, *shape), dtype=np.float32) + 1

@@ -139,6 +139,24 @@ def test_suppression_and_calcium_take_their_time_at_any_rate(
     assert others[1][1] == pytest.approx(calcium, rel=0.05)
 
 
+def test_motion_upside_down_gives_the_responses_upside_down(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """So motion across an arm counts alike from both of its sides."""
+    maps = np.random.default_rng(3).random((5, 22, 22), dtype=np.float32)
+    params = PARAMS.replaced(threshold=0, half_saturation=50).resolved(176)
+    dpc = cast("Dpc", SimpleNamespace(photoreceptors=SimpleNamespace(elapsed=1.0)))
+    found = []
+    for amount, right, up, left, down in (maps, maps[[0, 1, 4, 3, 2], ::-1]):
+        pooled = amount, [right, up, left, down]
+        monkeypatch.setattr(ArmsJudgement, "pooled", lambda *_, pooled=pooled: pooled)
+        judgement = ArmsJudgement((176, 176), params)
+        judgement.judge(dpc)
+        found.append(judgement.maps.responses)
+    np.testing.assert_allclose(found[1], found[0][::-1], rtol=1e-5)
+    assert np.ptp(found[0]) > 0.01
+
+
 @pytest.mark.once
 def test_only_the_units_of_a_grid_answer() -> None:
     """The square grows away from the only unit, in the middle of the frame."""

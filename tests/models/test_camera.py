@@ -201,6 +201,17 @@ def test_a_strip_with_a_pattern_is_no_bar() -> None:
     assert bars.widths == NO_BARS
 
 
+def test_a_step_of_8_levels_is_no_edge_of_a_bar() -> None:
+    bars = Bars()
+    luma = np.full((HEIGHT, WIDTH), 0.06, np.float32)
+    luma[:, 40:] += 8 / 255
+    for step in (0.0, 3 / 255):
+        luma[:, 40:] += step
+        for _ in range(12):
+            bars.step(luma, 1.0)
+        assert bars.widths == (Widths(left=40) if step else NO_BARS)
+
+
 def test_a_bar_is_at_most_45_percent_of_the_frame_and_may_have_a_blurred_edge() -> None:
     """The three columns beside it differ from it by 8 of 255."""
     for width, expected in ((72, Widths(left=72)), (73, NO_BARS)):

@@ -267,6 +267,9 @@ def test_persistence_keeps_a_share_of_r_from_frame_to_frame() -> None:
         factor = 1e-3 / np.median(before) if before else 1
         assert adapted.judge(maps).opponency == pytest.approx(factor * expected.max(), rel=1e-5)
         before.append(float(expected.max()))
+    rest = Dpc(SHAPE, DpcParams(), (45, 135))  # no frames are compared: begin again
+    assert kept.judge(rest).opponency == 0
+    assert kept.judge(maps).opponency == pytest.approx(0.25 * plain.judge(maps).opponency, rel=1e-5)
     kept.reset()
     assert kept.judge(maps).opponency == pytest.approx(0.25 * plain.judge(maps).opponency, rel=1e-5)
 
@@ -283,3 +286,9 @@ def test_the_opponency_at_half_the_size_is_added() -> None:
     judged = judgement.judge(maps, half).opponency
     assert judged == pytest.approx((r + 0.5 * other)[0].max())
     assert judged > judgement.judge(maps).opponency
+    # Without motion at the full size that has lasted long enough, what is kept stays.
+    kept = PooledJudgement(SHAPE, params.replaced(persistence=0.75))
+    assert kept.judge(maps, half).opponency == pytest.approx(0.25 * judged)
+    rest = Dpc(SHAPE, DpcParams(), (45, 135))
+    expected = 0.75 * 0.25 * (r + 0.5 * other)[0] + 0.25 * 0.5 * other[0]
+    assert kept.judge(rest, half).opponency == pytest.approx(expected.max())

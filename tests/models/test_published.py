@@ -152,8 +152,8 @@ def test_values_at_a_threshold_count() -> None:
     model = model_of("lgmd1_group", scene("dark"), layer_threshold=2)
     found = model._thresholded(np.array([-2.0, -1.9, 1.9, 2]))  # type: ignore[attr-defined]
     assert found.tolist() == [-2, 0, 0, 2]
-    p = np.full((36, 49), 100.0)  # earlier change below the threshold does not inhibit
-    assert model._respond_to(p, p / 100).sum_abs_s == p.sum()  # type: ignore[attr-defined]
+    p = np.full((36, 49), 100.0)  # a change of 1.9 before does not inhibit
+    assert model._respond_to(p, 0.019 * p).sum_abs_s == p.sum()  # type: ignore[attr-defined]
     assert at_least(np.array([[29.999, 30]], np.float32), 30).tolist() == [[0, 30]]
 
 
@@ -162,15 +162,15 @@ def test_each_mask_of_plgmd_is_that_of_its_own_layer() -> None:
     rng = np.random.default_rng(3)
     q, before = rng.uniform(50, 200, (2, 20, 30))
     sums = []
-    for closed in (None, 0, 1, 2):  # of Q and E, of I, of G
+    for closed in (None, 0, 1, 2, 10):  # of Q and E, of I, of G, of the last tap
         model = model_of("plgmd", [np.zeros((20, 30), np.uint8)], p=0.5)
         masks = np.ones((11, 20, 30), np.bool_)
         masks[[] if closed is None else closed] = False
         model._masks = lambda masks=masks: masks  # type: ignore[attr-defined]
         sums.append(model._sum_of_g(q, before))  # type: ignore[attr-defined]
-    everything, without_e, without_i, without_g = sums
+    everything, without_e, without_i, without_g, without_tap = sums
     assert without_g == 0
-    assert without_i > everything > 0
+    assert without_i > without_tap > everything > 0
     assert without_e != everything
 
 
@@ -198,7 +198,8 @@ def test_ci_lmd_sees_nothing_where_both_gaussians_differ_in_sign() -> None:
 )
 def test_the_response_is_one_of_the_values(name: str, value: str, per_pixel: bool) -> None:
     """The table of docs/detectors.md."""
-    found = answers(name, scene("bright"))[2:]
+    first, _, *found = answers(name, scene("bright"))
+    assert (first is None) == (detector_named(name).warm_up > 0)
     expected = [max(0, getattr(each, value)) / (36 * 49 if per_pixel else 1) for each in found]
     assert [each.response for each in found] == pytest.approx(expected)
     assert max(expected) > 0

@@ -22,6 +22,7 @@ from oppload_cli import (
 )
 from oppload_cli.errors import FrameError, ParameterError, SourceError
 from oppload_cli.models.bank import DetectorBank
+from oppload_cli.pipeline.analysis import _resolved
 from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import WorkingSize
@@ -214,6 +215,8 @@ def test_a_still_scene_answers_zero_from_the_frame_in_which_a_moving_one_is_answ
     for frames in (still, moving):
         answers = [each.responses["dlgmd"] for each in analyse(frames, rate=30.2, rmo=False)]
         assert [each is None for each in answers] == [True] * 3 + [False] * 5
+        paper = analyse(frames, rate=30.2, preset="paper", height=48, rmo=False)
+        assert [each.responses["dlgmd"] is None for each in paper] == [True] * 3 + [False] * 5
 
 
 def test_the_rate_of_an_array_is_that_of_its_usual_step() -> None:
@@ -222,6 +225,12 @@ def test_the_rate_of_an_array_is_that_of_its_usual_step() -> None:
     times = [0, 1 / 32, 2 / 32, 3 / 32, 9]  # after a pause
     with open_source(np.zeros((5, 8, 8), np.uint8), times=times) as video:
         assert video.facts.frame_rate == 32
+    with open_source(np.zeros((2, 8, 8), np.uint8), times=[0, 1e-6]) as video:
+        assert video.facts.frame_rate is None
+    # Preset paper counts frames, and the others count time.
+    for preset, interval in (("paper", "frame"), ("reference", "1/30")):
+        unset = dict.fromkeys(("alarm", "places", "time", "rmo", "repeats"))
+        assert _resolved(None, preset, **unset).time.interval == interval
 
 
 def test_a_second_pause_is_shown_to_the_models_with_its_own_times() -> None:

@@ -91,7 +91,7 @@ def _correlate(
             now_there = now[there]
             d_there = late * now_there + (1 - late) * before[there]
             e = d_here * d_there * (now_there - _NULL_WEIGHT * now_here)
-            e[(e < 0) | (e > 1)] = 0
+            e[e < 0] = 0  # at most 1, so that the authors' second condition has no effect
             in_direction[here] += share * e
 
 
