@@ -115,7 +115,7 @@ class DetectorPass:
         self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
         kinds = {each.interpolated for each in self._bank.detectors.values()}
         self._interpolation = Interpolation(kinds - {"none"})
-        self._latest: FrameRecord | None = None  # of the latest frame that the detectors got
+        self._latest: FrameRecord | None = None  # the row that a repeat in a cadence repeats
         self._before_s = self._taken_s = 0.0  # when this frame was presented, and taken
         self._passed_over_s: list[float] = []  # times of the frames after this one
         self._places = {
@@ -163,8 +163,7 @@ class DetectorPass:
             blind,
             {name: self._alarms[name].evidence for name, each in responses.items() if each},
         )
-        if not repeat.passed_over:
-            self._latest = record
+        self._latest = record
         return record
 
     def _see(self, frame: Frame, repeat: Repeat) -> str:

@@ -22,6 +22,7 @@ from oppload_cli import (
 )
 from oppload_cli.errors import FrameError, ParameterError, SourceError
 from oppload_cli.models.bank import DetectorBank
+from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.pipeline.analysis import _resolved
 from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
 from oppload_cli.results.alarms import AlarmLog
@@ -217,6 +218,16 @@ def test_a_still_scene_answers_zero_from_the_frame_in_which_a_moving_one_is_answ
         assert [each is None for each in answers] == [True] * 3 + [False] * 5
         paper = analyse(frames, rate=30.2, preset="paper", height=48, rmo=False)
         assert [each.responses["dlgmd"] is None for each in paper] == [True] * 3 + [False] * 5
+
+
+def test_a_scene_that_comes_to_rest_in_a_cadence_stays_at_rest() -> None:
+    """Each picture is shown twice, and the last one for longer."""
+    pictures = eight_bits([disk(60, 30, 30, 5 + 2 * t) for t in range(11)])
+    shown = np.repeat(np.array(pictures), [2] * 10 + [8], axis=0)
+    found = list(analyse(shown, [FrameDifferenceParams()], rate=30, height=60, rmo=False))
+    values = [each.responses["frame_difference"].response for each in found[16:]]  # type: ignore[union-attr]
+    assert values[0] == values[1] < values[2] == values[3] < values[4] == values[5]
+    assert values[6:] == [0] * 6
 
 
 def test_the_rate_of_an_array_is_that_of_its_usual_step() -> None:
