@@ -72,7 +72,7 @@ def test_pixels_that_change_less_than_a_quarter_of_the_mean_do_not_count() -> No
     p[:4] = 0.09
     assert float(p.mean()) > 0.04
     assert blind([*MOTION, (p, float(p.mean()))]) == []
-    p[4] = 0.03
+    p[4] = 0.0125  # a quarter of the mean is 0.0106
     assert blind([*MOTION, (p, float(p.mean()))]) == [8]
 
 
@@ -107,6 +107,11 @@ def test_a_blind_frame_has_its_latest_cause() -> None:
     still = [(1 + t / 10, 0.0, 1.0) for t in range(4)]
     assert causes(*still, (1.4, 0.01, 0.3)) == [*[""] * 4, "rest"]
     assert causes((1.0, 0.041, 0.5), (1.6, 0.01, 0.3)) == ["cut", "gap"]
+    # A gap is longer than the hold, and than the time in which frames are blind.
+    for hold_s, blind_s in ((0.5, 0.1), (0.1, 0.5)):
+        cuts = Cuts(AlarmParams(blind_s=blind_s, hold_s=hold_s, cut_ratio=0))
+        times_s = (0, 0.1, 0.2, 0.6, 0.7, 1.3)
+        assert [cuts.step(*changed(0.01, 0.3), each) for each in times_s] == [*[""] * 5, "gap"]
 
 
 @pytest.mark.parametrize("rate", [10, 24, 25, 30, 60, 240])

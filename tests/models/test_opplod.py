@@ -307,6 +307,16 @@ def test_bars_are_known_after_a_quarter_of_a_second_at_any_rate() -> None:
     assert known == [0] * 15 + [12] * 5  # the first frame shows the strip, and then 15 steps pass
 
 
+def test_a_lasting_change_of_the_light_passes_by_time_at_any_rate() -> None:
+    """Half a second, the time constant, are 30 frames: then 1 / e of the gain is removed."""
+    model = Opplod((60, 80), DEFAULT.replaced(light_s=0.5), frame_rate=60)
+    luma = np.asarray(0.3 + 0.6 * texture(60, 80, 1), np.float32)
+    for gain in [1.0, *[0.7] * 31]:
+        model.step(luma * np.float32(gain))
+    assert model._light
+    np.testing.assert_allclose(model._light._gains, np.log(0.7) / np.e, rtol=1e-3)
+
+
 def test_the_fields_of_the_preset() -> None:
     resolved = DEFAULT.resolved(240)
     assert (resolved.receptive_field, resolved.cell, resolved.border) == (240, 12, 6)
