@@ -148,6 +148,18 @@ def test_an_object_that_no_longer_moves_keeps_its_extent() -> None:
     assert later.time_to_contact_s is None
 
 
+def test_growth_is_not_measured_over_less_than_the_interval() -> None:
+    """At 240 frames/s the first frame is an interval old at the ninth."""
+    model, places = Opplod((SIZE, SIZE), REFERENCE), Places(PLACES, 1 / 30)
+    for frame in approaching(120, 120, 24, 18):
+        model.step(frame)
+    counts = []
+    for t in range(10):
+        [track] = places.step(model.units, disk(SIZE, 120, 120, 50 + t / 2), t / 240)
+        counts.append(len(track.contact._samples))
+    assert counts == [*[0] * 8, 1, 2]
+
+
 def test_units_of_the_literal_model_are_objects_with_their_field() -> None:
     params = REFERENCE.replaced(
         judgement="pixelwise", receptive_field=100, cell=1, pool_sigma=0, periphery=0, units="3x3",
