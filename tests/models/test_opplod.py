@@ -314,6 +314,7 @@ def test_a_lasting_change_of_the_light_passes_by_time_at_any_rate() -> None:
     for gain in [1.0, *[0.7] * 31]:
         model.step(luma * np.float32(gain))
     assert model._light
+    assert model._light._gains is not None
     np.testing.assert_allclose(model._light._gains, np.log(0.7) / np.e, rtol=1e-3)
 
 
