@@ -105,7 +105,7 @@ def _contact_in(obj: Object, time: float, start: float, end: float) -> float | N
     if obj.kind not in LOOMING or obj.reverse or passes(obj, start, end):
         return None
     contact = approach_contact(obj, end)
-    return contact - time if contact is not None and start <= time < min(contact, end) else None
+    return contact - time if contact is not None and start <= time < end else None
 
 
 def approach_contact(obj: Object, end: float) -> float | None:

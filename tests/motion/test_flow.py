@@ -226,11 +226,22 @@ def test_a_frame_does_not_depend_on_those_before_the_last() -> None:
 
 
 def test_the_frame_given_may_be_overwritten() -> None:
-    frame = scaled(1).copy()
-    flow = DenseFlow()
-    flow.step(frame)
-    frame[:] = scaled(1.03)
-    assert [flow.step(frame)] == measured([scaled(1), scaled(1.03)])
+    """A disk of 6 px is seen at a finer resolution, for which the flow keeps the frame itself."""
+    grey = [np.round(255 * disk((160, 120), radius)).astype(np.uint8) for radius in (6, 7)]
+    for before, now in ((scaled(1), scaled(1.03)), grey):
+        flow, frame = DenseFlow(), before.copy()
+        flow.step(frame)
+        frame[:] = now
+        assert [flow.step(frame)] == measured([before, now])
+
+
+def test_rows_and_columns_beyond_the_last_square_are_left_out() -> None:
+    before, now = shifted(0, 0), shifted(2, 1)
+    params = RmoParams(grid=14)
+    odd = vectors(before[:103, :130].copy(), now[:103, :130].copy(), params)
+    even = vectors(before[:100, :128].copy(), now[:100, :128].copy(), params)
+    assert len(odd.starts) == 7 * 9
+    np.testing.assert_array_equal(odd.vectors, even.vectors)
 
 
 def test_grid_and_minimum_speed() -> None:
@@ -253,6 +264,14 @@ def test_motion_in_a_small_part_is_seen_at_a_finer_resolution() -> None:
     metrics = rmo_metrics(motion.starts, motion.vectors)
     assert metrics.rom_pairs >= 4
     assert metrics.rmo_index == 1
+
+
+def test_a_moving_dot_is_searched_in_a_part_that_is_large_enough() -> None:
+    """OpenCV refuses parts of less than 8 px; the dot of 3 px moves to the right by 1 px."""
+    before, now = disk((160, 120), 1.5), disk((161, 120), 1.5)
+    motion = vectors(before, now, RmoParams(reduction=1, minimum_speed=0.0))
+    assert len(motion.starts) >= 1
+    assert np.hypot(*(motion.starts - (160.5, 120)).T).max() < 16
 
 
 def test_the_grid_of_an_upright_video_is_that_of_a_lying_one() -> None:

@@ -49,6 +49,21 @@ def test_what_moves_is_halfway_in_between(rows: slice) -> None:
         assert picture.dtype == np.float32
 
 
+def test_pictures_in_between_have_the_place_and_the_light_of_their_time() -> None:
+    interpolation = Interpolation({"both"})
+    list(interpolation.step(moved(0), 0))
+    inner = np.s_[4:-4, 15:-15]
+    for share, _, picture in interpolation.step(moved(-6), 3):
+        expected, away = moved(-6 * share), moved(-6 * (1 - share))
+        error = np.abs(picture - expected)[inner].mean()
+        assert error < 0.1 * np.abs(away - expected)[inner].mean()
+    even = Interpolation({"both"})
+    list(even.step(np.full((80, 120), 0.5, np.float32), 0))
+    lights = [picture for *_, picture in even.step(np.full((80, 120), 0.8, np.float32), 3)]
+    assert [float(each.min()) for each in lights] == pytest.approx([0.6, 0.7])
+    assert [float(each.max()) for each in lights] == pytest.approx([0.6, 0.7])
+
+
 def test_the_earlier_frame_alone_has_no_part_of_the_later() -> None:
     flash = moved(0)
     flash[40:44, 60:64] = 1

@@ -126,6 +126,24 @@ def test_receding_is_the_same_backwards() -> None:
     truth = frame_truth(backwards, 15).objects[0]
     assert truth.edge_speed_deg_s == -10
     assert not truth.looming
+    approach = disk(growth=Growth(kind="approach", l_over_v_ms=40), reverse=True)
+    assert frame_truth(made(approach), 15).objects[0].time_to_contact_s is None
+    zoomed = made(
+        Object(
+            id="ground", kind="texture", contrast=0.3, reverse=True, motion=Motion(zoom_per_s=0.6)
+        )
+    )
+    assert pose_of(zoomed, zoomed.objects[0], 0.5).zoom == pytest.approx(math.exp(0.6 * 0.7))
+
+
+@pytest.mark.parametrize(("speed", "looms"), [(4.9, True), (5.1, False)])
+def test_a_disk_that_shrinks_backwards_passes_as_one_that_grows(speed: float, looms: bool) -> None:
+    """Its edges grow by 5 deg/s to both sides; moved aside faster, both go to the same side."""
+    growth = Growth(kind="edge-speed", speed_deg_s=5, end_deg=2)
+    obj = disk(size_deg=12, growth=growth, motion=Motion(speed_deg_s=speed), reverse=True)
+    truth = frame_truth(made(obj), 15)
+    assert truth.objects[0].edge_speed_deg_s == 5
+    assert truth.looming is looms
 
 
 def test_one_end_only() -> None:
@@ -221,6 +239,22 @@ def test_scene_turns_and_shifts_everything() -> None:
     assert pose.velocity_deg_s == pytest.approx((0, 5))
 
 
+def test_velocity_is_the_change_of_the_place_while_the_motion_lasts() -> None:
+    """A central difference gives the same for an object and a scene that move, turn and shake."""
+    obj = disk(size_deg=8, centre_deg=(10, 3), motion=Motion(speed_deg_s=5, shake_deg=1))
+    motion = Motion(speed_deg_s=7, direction_deg=20, rotation_deg_s=30, shake_deg=2)
+    protocol = made(obj, scene=Scene(centre_deg=(1, 2), rotation_deg=40, motion=motion))
+    before, now, after = (pose_of(protocol, obj, 0.7 + step) for step in (-1e-5, 0, 1e-5))
+    change = [
+        (b - a) / 2e-5 for a, b in zip(before.centre_deg, after.centre_deg, strict=True)
+    ]
+    assert now.velocity_deg_s == pytest.approx(change, rel=1e-6)
+    assert now.orientation_deg == 40 + 0.5 * 30
+    for paused in (0.1, 1.2, 1.3):
+        assert pose_of(protocol, obj, paused).velocity_deg_s == (0, 0)
+    assert pose_of(protocol, obj, 1.2) == pose_of(protocol, obj, 1.4)
+
+
 def test_path_is_followed() -> None:
     motion = Motion(path_deg=((0, 0), (4, 0), (4, 6)), path_s=(0, 0.4, 0.8))
     obj = disk(size_deg=8, motion=motion)
@@ -263,6 +297,8 @@ def test_brightness() -> None:
     assert at(ramp, 0.0, 0.3, 0.6, 0.9) == pytest.approx([0.2, 0.2, 0.5, 0.8])
     even = Brightness(kind="ramp", to=0.8)
     assert at(even, 0.2, 0.7, 1.2) == pytest.approx([0.2, 0.5, 0.8])
+    late = Brightness(kind="ramp", to=0.8, start_s=0.5)
+    assert at(late, 0.7, 0.95, 1.2) == pytest.approx([0.2, 0.5, 0.8])
     square = Brightness(kind="flicker", to=0.8, frequency_hz=2)
     assert at(square, 0.1, 0.21, 0.5, 0.75) == [0.2, 0.2, 0.8, 0.2]
     assert at(square, 1.19, 1.45) == [0.8, 0.2]  # from the end of the motion on it stays

@@ -112,7 +112,7 @@ _BACK: dict[str, Any] = {**_ASIDE, "disk.motion.path_s": [1, 1.7]}
         # A way out and back, a shake and the movement of all, which is that of the camera.
         ({**_BACK, "disk.motion.path_deg": [[15, 0], [0, 0]]}, False),
         ({**_BACK, "disk.motion.path_deg": [[0, 0], [18, 0]]}, True),
-        ({**_ASIDE, "disk.motion.shake_deg": 20}, False),
+        ({**_ASIDE, "disk.motion.shake_deg": 40}, False),
         ({**_ASIDE, "scene.motion.speed_deg_s": 12}, False),
     ],
 )  # fmt: skip
