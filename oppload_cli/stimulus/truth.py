@@ -225,7 +225,7 @@ def _object_truth(protocol: Protocol, obj: Object, pose: Pose) -> ObjectTruth:
         centre_x_px=x,
         centre_y_px=y,
         time_to_contact_s=pose.contact_in_s,
-        looming=pose.looming and pose.visible,
+        looming=pose.looming,
     )
 
 

@@ -25,6 +25,7 @@ from oppload_cli.results.alarms import (
 from oppload_cli.results.table import FrameRecord
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
 
@@ -35,13 +36,15 @@ def verdict(
     *,
     cause: str = "rest",
     threshold: float | tuple[float, ...] = 2.0,
-    contacts: tuple[int, ...] = (4,),
+    contacts: Mapping[int, float] = {4: 0.6},
 ) -> Verdict:
-    """Return the verdict; `threshold` holds in all frames, or is one for each."""
+    """Return the verdict; `threshold` holds in all frames, or is one for each.
+
+    `contacts` has times to contact in s by frame.
+    """
     log = AlarmLog("opplod")
     for t, response in enumerate(responses):
-        contact_s = 1.0 - t / 10 if t in contacts else None
-        place = Detection(1, Box(t, 0, 9, 9), 4.0, 4.0, response, True, contact_s)
+        place = Detection(1, Box(t, 0, 9, 9), 4.0, 4.0, response, True, contacts.get(t))
         log.add(
             FrameRecord(
                 t,
@@ -71,22 +74,27 @@ def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> No
     )
 
 
+def test_the_first_time_to_contact_of_an_alarm_counts_from_its_start() -> None:
+    (alarm,) = verdict([0, 3, 3, 3], on=[1, 2, 3], contacts={2: 0.5, 3: 0.8}).alarms
+    assert alarm.time_to_contact_s == pytest.approx(0.2 - 0.1 + 0.5)
+
+
 def test_of_equal_peaks_the_first_one_gives_the_box() -> None:
     (alarm,) = verdict([0, 3, 3, 1], on=[1, 2, 3]).alarms
     assert (alarm.peak_over_threshold, alarm.box) == (1.5, [1, 0, 9, 9])
 
 
 def test_an_alarm_below_its_threshold_has_its_reason() -> None:
-    assert str(verdict([0, 1.2, 1], on=[1, 2], contacts=(1,))) == (
+    assert str(verdict([0, 1.2, 1], on=[1, 2], contacts={1: 0.9})) == (
         "alarm at 0.10 s (frame 1, contact estimated 0.9 s later), response up to 0.6 times "
         "the threshold, which is enough shortly before contact"
     )
     # A response must be above its threshold: at it, the contact made the alarm.
-    assert str(verdict([0, 2, 1], on=[1, 2], contacts=(1,))).endswith(
+    assert str(verdict([0, 2, 1], on=[1, 2], contacts={1: 0.9})).endswith(
         ", response up to 1 times the threshold, which is enough shortly before contact"
     )
     # A peak outside of it that is below its threshold too is no response that did not count.
-    assert str(verdict([0, 1.8, 1.2], on=[2], contacts=(2,))).endswith(
+    assert str(verdict([0, 1.8, 1.2], on=[2], contacts={2: 0.8})).endswith(
         ", response up to 0.6 times the threshold, which is enough shortly before contact"
     )
 
@@ -133,6 +141,7 @@ def test_no_alarm_tells_how_near_it_came() -> None:
     assert str(verdict([0, 8, 0, 9], on=[], blind=(1,))) == (
         "no alarm, peak at 4.5 times the threshold, which did not count: it was too short"
     )
+    assert verdict([0, 5], on=[], threshold=math.inf).peak is None
     assert str(verdict([0, 5], on=[], threshold=math.inf)) == "no alarm"
 
 

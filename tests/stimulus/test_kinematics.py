@@ -23,6 +23,7 @@ from oppload_cli.stimulus import (
     frame_truth,
 )
 from oppload_cli.stimulus.kinematics import pose_of
+from oppload_cli.stimulus.truth import contact_time
 
 
 def made(obj: Object, rate: object = 30, **tables: Any) -> Protocol:
@@ -126,8 +127,9 @@ def test_receding_is_the_same_backwards() -> None:
     truth = frame_truth(backwards, 15).objects[0]
     assert truth.edge_speed_deg_s == -10
     assert not truth.looming
-    approach = disk(growth=Growth(kind="approach", l_over_v_ms=40), reverse=True)
-    assert frame_truth(made(approach), 15).objects[0].time_to_contact_s is None
+    approach = made(disk(growth=Growth(kind="approach", l_over_v_ms=40), reverse=True))
+    assert frame_truth(approach, 15).objects[0].time_to_contact_s is None
+    assert contact_time(approach) is None
     zoomed = made(
         Object(
             id="ground", kind="texture", contrast=0.3, reverse=True, motion=Motion(zoom_per_s=0.6)
@@ -157,6 +159,13 @@ def test_one_end_only() -> None:
     # the middle as drawn moves up, at half the speed
     assert truth.centre_x_px == pytest.approx(100)
     assert truth.centre_y_px == pytest.approx(100 - 4 * (truth.angular_size_deg - 10) / 2)
+
+
+def test_an_end_that_draws_back_has_the_speed_of_the_edge() -> None:
+    growth = Growth(kind="edge-speed", speed_deg_s=10, sides="forward", end_deg=4)
+    bar = made(Object(id="bar", kind="bar", size_deg=14, width_deg=4, growth=growth))
+    assert size(bar, 0.7) == 9
+    assert frame_truth(bar, 15).objects[0].edge_speed_deg_s == -10
 
 
 def test_shrinking_to_a_smaller_end() -> None:
@@ -225,6 +234,9 @@ def test_changes_within_a_motion_come_at_the_frames_of_their_times() -> None:
     protocol = made(obj, timing=Timing(before_s=0.1, motion_s=1.0))
     assert [frame_truth(protocol, frame).looming for frame in (8, 9)] == [True, False]
     assert [pose_of(protocol, obj, time).luminance for time in (8 / 30, 9 / 30)] == [0.2, 0.8]
+    flicker = Brightness(kind="flicker", to=0.8, frequency_hz=2.5)  # half a cycle is 0.2 s
+    flickers = dataclasses.replace(obj, brightness=flicker)
+    assert [pose_of(protocol, flickers, time).luminance for time in (8 / 30, 9 / 30)] == [0.2, 0.8]
     moved = disk(size_deg=8, motion=Motion(path_deg=((0, 0), (4, 0)), path_s=(0, 0.2)))
     protocol = made(moved, timing=Timing(before_s=0.1, motion_s=1.0))
     speeds = [frame_truth(protocol, frame).objects[0].edge_speed_deg_s for frame in (8, 9)]

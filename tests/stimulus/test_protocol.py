@@ -138,6 +138,10 @@ def test_negative_sizes_and_missing_ones() -> None:
             protocol_of(SIZED.replace("size_deg = 4", new))
 
 
+def test_a_contact_at_the_end_of_the_motion_may_be_rounded() -> None:
+    assert protocol_of(GOOD + "contact_s = 1.4999999999999998").frame_count == 53
+
+
 def test_an_object_outside_of_the_field() -> None:
     for place in ("[40, 0]", "[0, -18]", "[-22, 20]"):
         text = SIZED.replace("size_deg = 4", f"size_deg = 4\ncentre_deg = {place}")

@@ -250,6 +250,9 @@ def test_what_looms_is_on_course_to_hit_and_soon_there() -> None:
     assert truth_of(hit, 12).time_to_contact_s == pytest.approx(0.5)
     paused = staged({**course, "contact_s": 0.2}, timing={"before_s": 0.1, "motion_s": 0.5})
     assert [truth_of(paused, index).time_to_contact_s is None for index in (8, 9)] == [False, True]
+    # The camera has turned away by 100 degrees at the end, and by 90 degrees in frame 15.
+    turned = staged(course, camera={"start_deg": 60, "pan_deg_s": 60})
+    assert [truth_of(turned, index).looming for index in (14, 16)] == [True, False]
     missed = staged({"kind": "near-miss", "speed_m_s": 2.0, "miss_sizes": 1.0})
     assert not any(truth_of(missed, index).looming for index in range(30))
     assert truth_of(missed, 0).miss_sizes == pytest.approx(1.0)
@@ -429,10 +432,13 @@ HIT = {"kind": "collision", "speed_m_s": 2.0}
             {},
             "object 'thing': it is outside the field .* in every frame; change its course",
         ),
-        (
-            {"kind": "hovering", "distance_m": 3.0, "bearing_deg": [0, -35]},  # just below it
-            {},
-            "object 'thing': it is outside the field .* in every frame; change its course",
+        *(
+            (
+                {"kind": "hovering", "distance_m": 3.0, "bearing_deg": [0, up]},
+                {},
+                "object 'thing': it is outside the field .* in every frame; change its course",
+            )
+            for up in (-35, 35)  # just below it, and just above
         ),
         (
             {"kind": "straight", "start_m": [0, 0, 2], "velocity_m_s": [0, 0, 0]},

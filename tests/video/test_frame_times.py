@@ -95,7 +95,9 @@ def test_a_declared_rate_that_the_times_contradict_gives_a_remark() -> None:
     assert kept.remarks() == [
         "30 frames/s are declared, but the times of most frames say 12; the times are used"
     ]
-    assert taken([t / 29 for t in range(20)], 30)[1].remarks() == []
+    # A tenth of the declared rate is 3 frames/s.
+    assert len(taken([t / 26.9 for t in range(20)], 30)[1].remarks()) == 1
+    assert taken([t / 27.1 for t in range(20)], 30)[1].remarks() == []
 
 
 @pytest.mark.parametrize("rate", [1, 8])
