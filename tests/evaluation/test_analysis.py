@@ -132,10 +132,14 @@ def test_a_clip_that_cannot_be_decoded_or_is_too_short_is_a_fault(tmp_path: Path
 def test_a_cut_clip_is_used_and_reported(tmp_path: Path) -> None:
     whole = write_video(tmp_path / "whole.mkv", grey_frames(60, 320, 240)).read_bytes()
     (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) * 2 // 3])
-    boxes = {50: (0.0, 0.0, 1.0, 1.0)}
+    boxes = dict.fromkeys(range(60), (0.0, 0.0, 1.0, 1.0))
     entry = Entry(2, tmp_path / "cut.mkv", Label("cut.mkv", boxes=boxes))
     (analysed,) = analyse_clips([entry], SMALL)
     assert analysed.clip is not None
     assert 30 < len(analysed.clip) < 50
     assert analysed.faults[0] == "cut.mkv: is damaged or cut; what could be decoded is used"
-    assert "cut.mkv: the box of frame 50 is beyond its last frame" in analysed.faults[1]
+    last = len(analysed.clip) - 1
+    assert analysed.faults[1:] == [
+        f"cut.mkv: the box of frame {frame} is beyond its last frame, {last}; correct it"
+        for frame in range(last + 1, 60)
+    ]

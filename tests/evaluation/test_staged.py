@@ -256,7 +256,7 @@ def test_outcomes_by_condition() -> None:
         truthful(high, {"kind": "collision", "speed": "3 m/s"}, 15),
         truthful(calm, {"kind": "collision", "speed": "12 m/s"}, 15),
         truthful([0.0] * 10 + [9.0] + [0.0] * 9, {"kind": "near miss"}),
-        truthful(calm, {"kind": "near miss"}),
+        truthful(calm, {"kind": "near miss", "speed": "12 m/s"}),
         truthful(calm, {"kind": "pan"}),
     ]
     draws = draws_of([clip.label.looming for clip in clips], 100)
@@ -271,6 +271,7 @@ def test_outcomes_by_condition() -> None:
     assert found["alarmed_share", f"{at}, kind near miss"].value == 0.5
     assert found["alarmed_share", f"{at}, kind pan"][3:] == never
     assert found["alarmed_share", at].value == pytest.approx(1 / 3)
+    assert ("alarmed_share", f"{at}, speed 12 m/s") not in found
     speeds = [condition for _, condition in found if "speed" in condition]
     assert speeds.index(f"{at}, speed 3 m/s") < speeds.index(f"{at}, speed 12 m/s")
 

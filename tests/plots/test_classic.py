@@ -252,7 +252,7 @@ def test_positions_at_unequal_steps_have_their_true_distances(tmp_path: Path) ->
 def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
     side = np.array([-20.0, -15, -10, -5, 0, 5, 10, 15, 20])
     right, up = np.meshgrid(side - 5, side, indexing="xy")
-    cone: NDArray[np.float64] = np.maximum(0.0, 1 - np.hypot(right, up) / 20)
+    cone: NDArray[np.float64] = np.maximum(0.0, 1 - np.hypot(right, up) / 16)
     peaks = {"opplod": (7 * cone).ravel().tolist(), "dlgmd": [1.0] * 81}
     tuning = made(tmp_path / "a.tuning.csv", grid(cone, 5), peaks, figure={"kind": "position"})
     _, (panel, whole) = plot_tuning(tuning)
@@ -261,7 +261,7 @@ def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
     assert (x[column] + x[column + 1]) / 2 == pytest.approx(5)
     assert (y[row] + y[row + 1]) / 2 == pytest.approx(0)
     assert x == pytest.approx(np.arange(-22.5, 25, 5))
-    assert panel.get_title(loc="left") == "OppLoD\nhalf at 10 deg"
+    assert panel.get_title(loc="left") == "OppLoD\nhalf at 8 deg"
     assert whole.get_title(loc="left") == "D-LGMD\nnever falls to half"
 
 

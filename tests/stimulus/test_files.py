@@ -20,7 +20,16 @@ import pytest
 
 from oppload_cli import Dlgmd, open_video, stimulus
 from oppload_cli.errors import OutputError, StimulusError
-from oppload_cli.stimulus import Display, Effects, Growth, Object, Protocol, Renderer, Timing
+from oppload_cli.stimulus import (
+    Display,
+    Effects,
+    Growth,
+    Object,
+    Protocol,
+    Renderer,
+    Timing,
+    files,
+)
 from oppload_cli.stimulus.files import contact_sheet, sheet_frames, write_all
 from oppload_cli.video import writers
 from oppload_cli.video.writers import FORMATS
@@ -186,6 +195,18 @@ def test_a_full_disk_leaves_nothing_half_written(form: str, tmp_path: Path) -> N
     assert len(done) < noisy.frame_count or form == "mp4"
     assert "a_clip" in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_preview_that_cannot_be_written_leaves_no_file_of_its_stimulus(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: object) -> bytes:
+        raise OutputError("the disk is full")
+
+    monkeypatch.setattr(files, "png_bytes", full)
+    with pytest.raises(OutputError, match="full"):
+        stimulus.write(clip(), tmp_path, preview=True)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -257,9 +257,7 @@ def test_velocity_is_the_change_of_the_place_while_the_motion_lasts() -> None:
     motion = Motion(speed_deg_s=7, direction_deg=20, rotation_deg_s=30, shake_deg=2)
     protocol = made(obj, scene=Scene(centre_deg=(1, 2), rotation_deg=40, motion=motion))
     before, now, after = (pose_of(protocol, obj, 0.7 + step) for step in (-1e-5, 0, 1e-5))
-    change = [
-        (b - a) / 2e-5 for a, b in zip(before.centre_deg, after.centre_deg, strict=True)
-    ]
+    change = [(b - a) / 2e-5 for a, b in zip(before.centre_deg, after.centre_deg, strict=True)]
     assert now.velocity_deg_s == pytest.approx(change, rel=1e-6)
     assert now.orientation_deg == 40 + 0.5 * 30
     for paused in (0.1, 1.2, 1.3):

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from oppload_cli import stimulus
-from oppload_cli.stimulus.patterns import Tile, generator, noise_tile, sine_wave, square_wave
+from oppload_cli.stimulus.kinematics import pose_of
+from oppload_cli.stimulus.patterns import (
+    DotField,
+    Tile,
+    generator,
+    noise_tile,
+    sine_wave,
+    square_wave,
+)
 
 
 @pytest.mark.parametrize("angle", [0, 10, 45, 90, 133])
@@ -78,6 +86,32 @@ def test_shortest_wavelength() -> None:
     spectrum = np.abs(np.fft.rfft2(noise_tile(128, 1.0, 16.0, generator(3, "ground"))))
     frequency = np.hypot(np.fft.fftfreq(128)[:, None], np.fft.rfftfreq(128)[None, :])
     assert spectrum[frequency > 1 / 16 + 1e-9].max() < 1e-3 * spectrum.max()
+
+
+@pytest.mark.parametrize(("coherence", "together"), [(0.0, 0.0), (0.25, 0.25), (1.0, 1.0)])
+def test_dots_move_equally_far_together_or_each_in_its_own_direction(
+    coherence: float, together: float
+) -> None:
+    dots = stimulus.Object(
+        id="dots",
+        kind="dots",
+        dot_deg=1,
+        dots_per_100deg2=10,
+        coherence=coherence,
+        motion=stimulus.Motion(speed_deg_s=5, direction_deg=90),
+    )
+    protocol = stimulus.Protocol(
+        display=stimulus.Display(width=60, height=60, pixels_per_degree=2),
+        timing=stimulus.Timing(motion_s=1),
+        objects=(dots,),
+    )
+    field = DotField(dots, 0, 60.0)
+    before, after = (field.positions(pose_of(protocol, dots, time)) for time in (0.0, 0.4))
+    moved = after - before
+    moved -= field.side * np.round(moved / field.side)
+    np.testing.assert_allclose(np.hypot(*moved.T), 5 * 0.4)
+    up = np.isclose(moved[:, 1], 5 * 0.4) & np.isclose(moved[:, 0], 0)
+    assert up.mean() == pytest.approx(together, abs=0.01)
 
 
 def test_grid_and_scattered_positions_are_read_alike() -> None:

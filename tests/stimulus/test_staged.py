@@ -117,6 +117,15 @@ def test_the_box_surrounds_what_is_drawn(tmp_path: Path, turn: float, most: floa
         assert np.abs(np.subtract(found, wanted)).max() < most
 
 
+def test_a_picture_with_a_corner_behind_the_camera_has_no_box() -> None:
+    """A corner at (x, y, 1) m is (x + 1) / sqrt(2) m ahead of a camera that is turned by 45 deg."""
+    course = {"kind": "hovering", "distance_m": 1.0}
+    for size, boxed in ((1.9, True), (2.1, False)):
+        truth = truth_of(staged(course, size_m=size, camera={"start_deg": 45}), 0)
+        assert truth.visible
+        assert (truth.box_px is not None) is boxed
+
+
 def test_a_camera_that_turns_and_shakes_stays_rigid() -> None:
     """Its axes are at right angles and of length 1, as right, up and ahead at rest."""
     camera = {"start_deg": 30, "pan_deg_s": 40, "shake_deg": 5}
@@ -229,6 +238,9 @@ def test_courses_pass_the_camera_as_their_kind_says() -> None:
     assert receding.closest() == (None, 3.0)
     hovering = line(kind="hovering", distance_m=3.0, sway_m=0.5)
     assert hovering.position(0.5)[0] == pytest.approx(0.5)
+    # As a pendulum, it is fastest in the middle: 2 pi times the rate times the amplitude.
+    assert hovering.velocity(0.0) == pytest.approx((math.pi / 2, 0, 0))
+    assert hovering.velocity(0.5) == pytest.approx((0, 0, 0))
 
 
 def test_braking() -> None:
@@ -257,6 +269,10 @@ def test_what_looms_is_on_course_to_hit_and_soon_there() -> None:
     assert not any(truth_of(missed, index).looming for index in range(30))
     assert truth_of(missed, 0).miss_sizes == pytest.approx(1.0)
     assert truth_of(missed, 0).time_to_contact_s is None
+    grazing = {"speed_m_s": 3.0, "bearing_deg": [10.0, 10.0], "miss_sizes": 0.5}
+    assert truth_of(staged({"kind": "near-miss", **grazing}), 0).time_to_contact_s == pytest.approx(
+        1
+    )
 
 
 def test_a_picture_behind_the_camera_is_no_larger_than_half_of_all_around() -> None:
@@ -321,6 +337,7 @@ def test_a_video_of_another_size_covers_the_display(footage: Path) -> None:
 @pytest.mark.parametrize(
     ("scene", "rate", "said"),
     [
+        ({"background_start_s": 0.05}, 20, "ends at 1 s, before the last frame"),
         ({"background_start_s": 0.5}, 20, "ends at 1 s, before the last frame"),
         ({}, 30, "it has 20 frames/s and the display 30; change display.frame_rate"),
         ({"background_rate": "own"}, 30, ""),
@@ -402,7 +419,9 @@ def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
         Renderer(staged(course, file=str(tmp_path / "gone.png")))
 
 
-@pytest.mark.parametrize(("alpha", "said"), [(255, "has no transparency"), (0, "everywhere")])
+@pytest.mark.parametrize(
+    ("alpha", "said"), [(255, "has no transparency"), (0, "everywhere"), (127, "everywhere")]
+)
 def test_a_picture_needs_transparency(tmp_path: Path, alpha: int, said: str) -> None:
     path = tmp_path / "flat.png"
     cv2.imwrite(str(path), np.full((20, 20, 4), alpha, np.uint8))

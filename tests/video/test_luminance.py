@@ -37,6 +37,10 @@ def test_working_size(
     assert size.scale_y == source[1] / working[1]
 
 
+def test_sides_of_13_px_are_large_enough() -> None:
+    assert [len(WorkingSize(side, 40, 1.0, 1.0).remarks()) for side in (12, 13)] == [1, 0]
+
+
 def test_a_working_size_that_is_too_large() -> None:
     for size in ((4000, 1), (1, 4000)):
         with pytest.raises(ParameterError, match="choose a smaller --height"):

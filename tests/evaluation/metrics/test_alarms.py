@@ -150,6 +150,14 @@ def test_held_out_thresholds_come_from_other_videos() -> None:
     assert found.thresholds.tolist() == [0, 0, 3, 3]
 
 
+def test_a_clip_without_a_held_out_threshold_is_not_counted() -> None:
+    at_once = clip(peaks(60, {40: 1.0}), 3, 50)  # no footage before its onset
+    found = Thresholds([CALM, at_once], NAME).held_out(1.0, DRAWS[:, [0, 2]])
+    assert np.isnan(found.thresholds).tolist() == [True, False]
+    (rate,) = (one for one in found.measurements if one.measure == "false_alarms_per_minute")
+    assert (np.isnan(rate.value), rate.n) == (True, 0)
+
+
 def test_held_out_thresholds_come_from_the_other_clips() -> None:
     thresholds = Thresholds(CLIPS, NAME)
     found = thresholds.held_out(1.0, DRAWS)

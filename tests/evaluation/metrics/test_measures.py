@@ -80,6 +80,15 @@ def test_how_far_an_approach_stands_out(approach: Clip, ratio: float) -> None:
     assert (found["distinct_ratio"].value, found["distinct_ratio"].n) == (ratio, 1)
 
 
+def test_an_approach_stands_out_against_clips_without_one_alone() -> None:
+    """The first approach has 0.3 s before it: 9 over the median 3; the second one has 5 over 5."""
+    approaches = [clip(peaks(60, {8: 9.0}), 6, 50), clip(peaks(60, {20: 5.0, 45: 5.0}), 40, 50)]
+    calm = [clip(peaks(60, {20: peak})) for peak in (1.0, 3.0, 30.0)]
+    draws = draws_of([True, True, False, False, False], 9)
+    found = {one.measure: one for one in measured([*approaches, *calm], NAME, draws).measurements}
+    assert found["distinct_ratio"].value == (9 / 3 + 5 / 5) / 2
+
+
 def test_half_a_second_before_an_approach_is_enough_whatever_its_times_round_to() -> None:
     start, onset = 24, 39  # of these frames at 30 per second the times are a little nearer
     response = [0.0] * (onset + 20)
