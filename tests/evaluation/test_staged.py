@@ -52,6 +52,8 @@ def test_a_label_follows_from_the_truth() -> None:
     assert (left + width / 2, top + height / 2) == pytest.approx((32, 24))
     assert label.conditions["speed"] == "8 m/s"
     assert label.conditions["camera"] == "at rest"
+    paler = label_of(HIT, *CHANGES, "thing.relative_luminance=0.55")
+    assert paler.conditions["contrast"] == "-0.45"
     missed = label_of(MISS, *CHANGES)
     assert not missed.looming
     assert missed.motion == "near miss at 2 sizes"
@@ -222,6 +224,8 @@ def test_the_users_own_videos_take_the_place_of_the_backgrounds() -> None:
     assert len(made) == 2 * 4
     with pytest.raises(StimulusError, match="--background: none of staged/pan has a background"):
         clips_of(["staged/pan"], None, ["a.mp4"], [])
+    with pytest.raises(StimulusError, match="--background: none of staged/braking has"):
+        clips_of(["staged/braking"], None, ["a.mp4"], [*CHANGES[:2], "camera.start_deg=5"])
 
 
 def truthful(
@@ -392,5 +396,12 @@ def test_the_boxes_of_a_scaled_video_are_in_its_own_pixels(tmp_path: Path) -> No
     assert label.boxes == {
         frame: tuple(side / 2 for side in box) for frame, box in complete.boxes.items()
     }
+    # Of boxes that reach into the display by half a pixel and by one and a half, one has a place.
+    for frame, left in ((18, 63.5), (19, 62.5)):
+        truth["frames"][frame]["objects"][0]["box_px"] = [left, 10, 20, 20]
+    (tmp_path / "half.stimulus.json").write_text(json.dumps(truth))
+    (entry,) = clips_of(videos[:1], None, [], []).entries
+    assert 18 not in entry.label.boxes
+    assert entry.label.boxes[19] == (31.25, 5, 0.75, 10)
     assert ["belongs to another video" in fault for fault in found.faults] == [True, True, False]
     assert found.faults[2].startswith(f"{videos[3]}: the file is empty")

@@ -138,6 +138,7 @@ def test_no_alarm_tells_how_near_it_came() -> None:
     assert str(silent._replace(peak_blind=True)).endswith(  # of a sidecar before 1.0
         "it came at the start, a cut, a flash, the end of a rest or after a gap"
     )
+    assert verdict([0, 9, 9], on=[], blind=(1,)).peak_blind == "rest"  # of the first peak
     assert str(verdict([0, 8, 0, 9], on=[], blind=(1,))) == (
         "no alarm, peak at 4.5 times the threshold, which did not count: it was too short"
     )

@@ -43,6 +43,8 @@ def fault_of(folder: Path, truth: dict[str, Any], *shown: int | None) -> str:
         ((320, 240, None), ""),  # not declared
         ((320, 240, 71), "320 x 240 and 80 frames: this one has 71 frames"),
         ((320, 240, 160), "320 x 240 and 80 frames: this one has 160 frames"),
+        ((329, 240, 80), ""),  # 2.8 % wider
+        ((331, 240, 80), "320 x 240 and 80 frames: this one has 331 x 240"),
         ((320, 600, 80), "320 x 240 and 80 frames: this one has 320 x 600"),
         ((240, 320, 80), "320 x 240 and 80 frames: this one has 240 x 320"),
         ((None, None, None), ""),  # a result without a sidecar

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -62,6 +66,40 @@ def test_drift_is_as_the_ground_truth_says(kind: str, axis: float) -> None:
     np.testing.assert_allclose(moved, stated, atol=0.02)
 
 
+def grating(**keys: Any) -> stimulus.Renderer:
+    obj = stimulus.Object(id="g", **{"kind": "sine-grating", "period_deg": 10, **keys})
+    display = stimulus.Display(width=80, height=60, pixels_per_degree=2)
+    timing = stimulus.Timing(motion_s=1)
+    return stimulus.Renderer(stimulus.Protocol(display=display, timing=timing, objects=(obj,)))
+
+
+def test_the_phase_is_that_at_the_centre() -> None:
+    for phase, luminance in ((90, 1.0), (270, 0.0)):
+        assert grating(phase_deg=phase).luminance(0)[30, 40] == pytest.approx(luminance, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["sine-grating", "square-grating"])
+@pytest.mark.parametrize("axis", [0, 30])
+def test_a_zoomed_grating_is_one_of_a_longer_period(kind: str, axis: float) -> None:
+    look = {"kind": kind, "axis_deg": axis, "centre_deg": (3, -2)}
+    zoomed = grating(**look, motion=stimulus.Motion(zoom_per_s=0.8)).luminance(15)
+    longer = grating(**look | {"period_deg": 10 * math.exp(0.4)}).luminance(0)
+    np.testing.assert_allclose(zoomed, longer, atol=1e-5)
+
+
+def test_a_textured_disk_turns_counter_clockwise() -> None:
+    motion = stimulus.Motion(rotation_deg_s=90)
+    patch = stimulus.Object(id="p", kind="patch", size_deg=20, contrast=0.3, motion=motion)
+    display = stimulus.Display(width=60, height=60, pixels_per_degree=2)
+    timing = stimulus.Timing(motion_s=2)
+    renderer = stimulus.Renderer(
+        stimulus.Protocol(display=display, timing=timing, objects=(patch,))
+    )
+    turned = np.rot90(renderer.luminance(0))
+    assert turned.std() > 0.1
+    np.testing.assert_allclose(renderer.luminance(30), turned, atol=1e-4)
+
+
 def test_mean_and_contrast() -> None:
     protocol = stimulus.load("controls/sine-grating/axis-45")
     luma = next(iter(stimulus.frames(protocol))).luma
@@ -112,6 +150,10 @@ def test_dots_move_equally_far_together_or_each_in_its_own_direction(
     np.testing.assert_allclose(np.hypot(*moved.T), 5 * 0.4)
     up = np.isclose(moved[:, 1], 5 * 0.4) & np.isclose(moved[:, 0], 0)
     assert up.mean() == pytest.approx(together, abs=0.01)
+    # However far the pattern has moved, and however it is turned, its square lies on the display.
+    scene = stimulus.Scene(centre_deg=(100, 30), rotation_deg=90)
+    places = field.positions(pose_of(replace(protocol, scene=scene), dots, 0.4))
+    assert np.abs(places).max() <= field.side / 2 + 1e-9
 
 
 def test_grid_and_scattered_positions_are_read_alike() -> None:

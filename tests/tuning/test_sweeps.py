@@ -279,6 +279,12 @@ def test_the_map_of_positions_peaks_where_the_unit_is() -> None:
     assert max(peaks[:1] + peaks[2:]) < 0.2 * peaks[1]
 
 
+def test_an_indicator_approaches_a_constant_exponentially_whatever_the_steps() -> None:
+    times = np.array([0.0, 0.1, 0.35, 1.0])
+    signal = low_passed(np.ones(4), times, 0.5)
+    np.testing.assert_allclose(signal, 1 - np.exp(-times / 0.5))
+
+
 def test_an_indicator_shows_the_response_low_passed(tmp_path: Path) -> None:
     protocol = disk(tmp_path).protocols()[1]
     settings = resolve(

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -114,6 +115,13 @@ def test_measures_of_known_responses() -> None:
     assert got == Measures(1.0, 3, 0.4, 0.45, got.area, 2, 0.2, 7.0, 8.0)
 
 
+def test_of_equal_peaks_the_first_counts_and_a_tenth_of_it_is_the_onset() -> None:
+    response = np.array([np.nan, 0.1, 0.5, 1.0, 1.0])
+    frames, blank = np.arange(5.0), np.full((5, 4), np.nan)
+    got = measure(Responses(frames, frames / 10, response, blank[:, :2], blank))
+    assert (got.peak_frame, got.onset_frame, got.onset_time_s) == (3, 1, 0.1)
+
+
 def test_contact_and_size_at_the_peak() -> None:
     (protocol,) = (
         find("loom-l-over-v")[0].with_settings({"disk.growth.l_over_v_ms": 100}).protocols()[:1]
@@ -126,6 +134,12 @@ def test_contact_and_size_at_the_peak() -> None:
     # Contact at 2.2 s; 0.5 s before it, the size is 2 atan(0.1 / 0.5).
     assert got.peak_before_contact_s == pytest.approx(0.5)
     assert got.size_at_peak_deg == pytest.approx(2 * np.degrees(np.arctan(0.2)))
+    # An object that is not drawn has no size.
+    (disk_,) = protocol.objects
+    gone = replace(disk_, id="gone", growth=None, size_deg=80.0, duration_s=0.1, vanishes="end")
+    both = replace(protocol, objects=(disk_, gone))
+    again = measure(Responses(frames, frames / 30, response, blank, boxes), both)
+    assert again.size_at_peak_deg == got.size_at_peak_deg
 
 
 def test_measures_without_a_response() -> None:
@@ -294,6 +308,10 @@ def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
     assert doubt[:2] == ("frame_difference", "3 of 3 peaks when an object vanishes: no tuning")
     assert doubt.text.endswith("; --change disk.vanishes=never keeps the object")
     assert not list(doubts_about(tune(shown, settings), shown, settings))
+    early, *_ = tune(gone, settings)
+    before = replace(early.measures["frame_difference"], peak_time_s=0.3)
+    conditions = [replace(early, measures={"frame_difference": before})] * 3
+    assert not list(doubts_about(conditions, gone, settings))
     slow = tune(gone, settings, indicator_s=1)  # its peak comes at the end of any motion
     assert not list(doubts_about(slow, gone, settings))
 
@@ -311,6 +329,11 @@ def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
 def test_values_are_lists_ranges_or_toml(text: str, values: list[object]) -> None:
     key = "disk.centre_deg" if text.startswith("[") else "scene.rotation_deg"
     assert swept("klapoetke2017/loom", [f"{key}={text}"]).sweep == {key: values}
+
+
+def test_a_range_ends_at_its_end_although_its_steps_are_rounded() -> None:
+    (values,) = swept("klapoetke2017/loom", ["scene.rotation_deg=0:0.3:0.1"]).sweep.values()
+    assert values == pytest.approx([0, 0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize("values", ["", "a,b", "0:10", "0:10:0", "0:inf:1", "["])

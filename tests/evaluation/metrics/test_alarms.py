@@ -170,6 +170,14 @@ def test_held_out_thresholds_come_from_the_other_clips() -> None:
     assert values["lead_time_s"] == pytest.approx(1.0)
 
 
+def test_without_a_false_alarm_the_rate_of_a_kind_is_bounded_by_its_own_footage() -> None:
+    """The rule of three: at most 3 false alarms in the minutes of this kind, 95 %."""
+    seen = [clip([0.0] * frames, motion=kind) for frames, kind in ((603, "still"), (1203, "pan"))]
+    found = {one.condition: one for one in shipped(seen, NAME, DRAWS[:, :2]).measurements}
+    bounds = {kind: found[f"alarm as shipped{kind}"].high for kind in ("", ", still", ", pan")}
+    assert bounds == pytest.approx({"": 3 / 3, ", still": 3 / 1, ", pan": 3 / 2})
+
+
 def test_the_alarm_as_shipped() -> None:
     clips = [
         clip([0.0] * 603, alarm=[50, 51, 55, 500]),
