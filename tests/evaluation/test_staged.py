@@ -110,6 +110,10 @@ def test_approaches_one_after_the_other_are_measured_each(tmp_path: Path) -> Non
     held = outcomes_of(labels, [*range(37, 50), 52, *range(74, 96)])
     np.testing.assert_array_equal(held.detected, [1, 1, 0, np.nan])
     assert held.lead_s[[0, 1]] == pytest.approx([5 / 30, 5 / 30])
+    # Begun in the first frame of the third.
+    begun = outcomes_of(labels, [60, 63])
+    assert list(begun.detected) == [0, 0, 1, 0]
+    assert begun.lead_s[2] == pytest.approx(12 / 30)
 
 
 def outcomes_of(labels: list[Label], alarms: list[int]) -> Any:

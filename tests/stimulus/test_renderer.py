@@ -309,6 +309,16 @@ def test_zoomed_dots_flow_outward() -> None:
     assert np.mean(values < 0.5) > 0.8
 
 
+def test_turned_dots_reach_the_corners() -> None:
+    dots = Object(
+        id="dots", kind="dots", dot_deg=1, dots_per_100deg2=400, contrast=-1, luminance=1.0
+    )
+    turned = Renderer(made(dots, scene=Scene(rotation_deg=45))).luminance(0)
+    corners = [turned[rows, columns].mean() for rows in (np.s_[:9], np.s_[-9:])
+               for columns in (np.s_[:9], np.s_[-9:])]  # fmt: skip
+    assert max(corners) < 0.3  # dots cover 1 - exp(-4 pi / 4) of the display
+
+
 def test_texture_moves_with_its_stated_speed() -> None:
     ground = Object(id="g", kind="texture", contrast=0.3, motion=Motion(speed_deg_s=12))
     renderer = Renderer(made(ground, seed=5))

@@ -22,6 +22,23 @@ if TYPE_CHECKING:
 VERMILLION = (0, 94, 213)  # blue, green, red
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "weight"),
+    [(480, 720, 1.402), (1024, 576, 1.402), (1024, 580, 1.5748)],
+)
+def test_large_pictures_that_state_no_colour_space_have_that_of_hd(
+    width: int, height: int, weight: float
+) -> None:
+    """Red is Y + 1.402 Cr by BT.601, and Y + 1.5748 Cr by BT.709; the shorter side decides."""
+    codes = np.full((height * 3 // 2, width), 100, np.uint8)
+    codes[height : height * 5 // 4], codes[height * 5 // 4 :] = 128, 200
+    frame = av.VideoFrame.from_ndarray(codes, "yuv420p")
+    colour = Colour(InputFacts("a", "container", width, height, Fraction(30), None), (64, 48))
+    shown = colour(Picture(0, 0.0, codes, full_range=False, original=frame))
+    red = 255 * ((100 - 16) / 219 + weight * (200 - 128) / 224)
+    assert shown[..., 2].mean() == pytest.approx(red, abs=2)
+
+
 def flat(width: int = 64, height: int = 48) -> NDArray[np.uint8]:
     return np.full((height, width, 3), VERMILLION, np.uint8)
 

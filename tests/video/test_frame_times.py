@@ -71,7 +71,7 @@ def test_times_that_all_stand_still_follow_by_the_declared_rate() -> None:
     assert taken([0.0] * 4)[0] == pytest.approx([0, 1 / 30, 2 / 30, 3 / 30])
 
 
-@pytest.mark.parametrize("rate", [10, 24, 29.97, 30, 60, 120, 240, 480, 1000])
+@pytest.mark.parametrize("rate", [10, 24, 29.97, 30, 60, 120, 240, 480, 700, 1000])
 @pytest.mark.parametrize("lost", [0, 7, 20])
 def test_the_rate_is_right_although_times_are_rounded_and_frames_are_lost(
     rate: float, lost: int

@@ -98,6 +98,21 @@ def test_elements_without_a_known_length_are_walked_through(tmp_path: Path) -> N
     assert fault_of(str(path), "matroska,webm") is None
 
 
+def test_the_last_page_of_an_ogg_file_says_so(tmp_path: Path) -> None:
+    def page(flags: int) -> bytes:
+        return b"OggS\0" + bytes([flags]) + bytes(20) + b"\x01\x03abc"
+
+    path = tmp_path / "a.ogv"
+    for content, fault in (
+        (page(2) + page(0) + page(4), None),
+        (page(2) + page(0), CUT),
+        (page(2) + page(4)[:-1], CUT),
+        (page(2) + page(4) + b"x" * 27, BROKEN),
+    ):
+        path.write_bytes(content)
+        assert fault_of(str(path), "ogg") == fault
+
+
 def test_a_file_of_countless_parts_is_not_read_for_ever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

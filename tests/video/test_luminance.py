@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import av
 import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.video.frames import InputFacts, Picture, WorkingSize
 from oppload_cli.video.luminance import Luminance, luminance_table
+from oppload_cli.video.planes import Resizing, luma_plane, resized
 
 
 def facts(width: int, height: int) -> InputFacts:
@@ -97,6 +99,21 @@ def test_shrinking_averages_areas(
     error = luma * (2**bits - 1) - exact
     assert np.abs(error).max() < (0.8 if bits == 8 else 2)
     assert abs(error.mean()) < 0.1
+
+
+def test_a_side_that_is_hardly_reduced_is_averaged_by_opencv() -> None:
+    """swscale averages well from a reduction of both sides by 1.5 on."""
+    plane = np.random.default_rng(4).integers(0, 256, (90, 60), np.uint8)
+    for size in ((20, 88), (58, 20)):
+        np.testing.assert_array_equal(Resizing(*size)(plane), resized(plane, size))
+
+
+def test_the_samples_of_p010_are_the_highest_bits_of_16() -> None:
+    grey = np.arange(0, 256, 4, dtype=np.uint8).reshape(8, 8)
+    deep = av.VideoFrame.from_ndarray(grey, "gray").reformat(format="yuv420p10le")
+    (ten, few), (high, many) = (luma_plane(each) for each in (deep, deep.reformat(format="p010le")))
+    assert (few, many) == (10, 16)
+    np.testing.assert_array_equal(high, ten.astype(np.uint16) << 6)
 
 
 def areas(source: int, working: int) -> np.ndarray:

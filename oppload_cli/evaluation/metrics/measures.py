@@ -204,7 +204,7 @@ def _of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterato
         where = f"{_BEFORE_CONTACT} frames before contact"
         yield Measurement(detector, "box_overlap", where, *_median(overlaps, draws))
     timed = np.array([any(map(_is_last, clip.label.contacts.values())) for clip in clips])
-    within = np.where(timed, np.nan_to_num(errors, nan=np.inf) <= _WITHIN, np.nan)
+    within = np.where(timed, errors <= _WITHIN, np.nan)  # NaN is not within
     where = f"last {_LAST_S:g} s"
     yield Measurement(detector, "contact_within", where, *_share(within, draws))
     yield Measurement(detector, "contact_error", where, *_median(errors, draws))

@@ -20,6 +20,13 @@ def test_windows_tile_backwards_and_the_rest_counts_from_half_a_second() -> None
     assert clip([0.0] * 30).windows(4, 28) == [(18, 28), (8, 18)]
 
 
+def test_a_frame_lasts_from_the_one_before_it() -> None:
+    """Before the first frame, a frame of the mean duration."""
+    seen = clip([0.0] * 11)
+    spans = [(0, 11), (0, 5), (3, 8), (8, 3)]
+    assert [seen.seconds(*span) for span in spans] == pytest.approx([1.1, 0.5, 0.5, 0])
+
+
 def test_windows_about_an_approach() -> None:
     seen = clip([0.0] * 60, 38, 45)
     assert seen.window_before_contact() == (36, 46)
