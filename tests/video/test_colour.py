@@ -36,7 +36,7 @@ def test_large_pictures_that_state_no_colour_space_have_that_of_hd(
     colour = Colour(InputFacts("a", "container", width, height, Fraction(30), None), (64, 48))
     shown = colour(Picture(0, 0.0, codes, full_range=False, original=frame))
     red = 255 * ((100 - 16) / 219 + weight * (200 - 128) / 224)
-    assert shown[..., 2].mean() == pytest.approx(red, abs=2)
+    assert shown[..., 2].mean() == pytest.approx(red, abs=4)  # 14 apart
 
 
 def flat(width: int = 64, height: int = 48) -> NDArray[np.uint8]:
