@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 
 _MOST_BYTES = 1 << 30  # of a video's decoded pictures in memory
+_ROUNDED_S = 0.501e-3  # Matroska rounds the times of pictures to milliseconds
 _SIDE = 512  # texels along each side of a texture
 _RIGHT, _UP, _AHEAD = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _BACKDROP_M = 4000.0
@@ -164,7 +165,7 @@ class _Video:
         return np.asarray(picture / np.float32(255))
 
     def _index(self, time: float) -> int:
-        video_s = math.fmod(time + self._first, self._end) + 1e-6
+        video_s = math.fmod(time + self._first, self._end) + _ROUNDED_S
         return max(int(np.searchsorted(self._times, video_s, side="right")) - 1, 0)
 
 

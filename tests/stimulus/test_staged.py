@@ -200,6 +200,8 @@ def test_shadow_compression_and_cut_change_the_frames() -> None:
     course = {"kind": "hovering", "distance_m": 5.0}
     plain = staged(course, {"background": "plane"})
     dark = Renderer(staged(course, {"background": "plane"}, shadow=0.8)).luminance(0)
+    bright = staged(course, {"background": "plane"}, relative_luminance=50.0)
+    assert Renderer(bright).luminance(0).max() == 1
     change = dark - Renderer(plain).luminance(0)
     assert change.min() < -0.1
     assert change.max() <= 1e-6
@@ -275,6 +277,16 @@ def test_what_looms_is_on_course_to_hit_and_soon_there() -> None:
     )
 
 
+def test_a_picture_rests_after_its_motion() -> None:
+    course = {"kind": "straight", "start_m": [0, 0, 5], "velocity_m_s": [0.5, 0, -4]}
+    resting = staged(course, timing={"motion_s": 0.5, "after_s": 0.5})
+    moves, *rests = (truth_of(resting, frame) for frame in (14, 15, 29))
+    assert moves.edge_speed_deg_s > 0
+    for truth in rests:
+        assert truth.offset_m == (0.25, 0, 3)
+        assert (truth.edge_speed_deg_s, truth.edge_speed_px_frame) == (0, 0)
+
+
 def test_a_picture_behind_the_camera_is_no_larger_than_half_of_all_around() -> None:
     course = {"kind": "overtaking", "speed_m_s": 4.0, "miss_sizes": 1.0, "contact_s": 0.5}
     behind, beside = (truth_of(staged(course), frame) for frame in (5, 15))
@@ -324,8 +336,29 @@ def test_a_video_is_shown_as_it_is(footage: Path) -> None:
     late = in_footage(footage, background_start_s=0.5, background_end="loop")
     assert late.grey(3).tobytes() == drawn.grey(13).tobytes()
     assert late.grey(12).tobytes() == drawn.grey(2).tobytes()
+    # The video has its own motion blur.
+    blurred = staged(
+        None,
+        {"background": str(footage)},
+        display={"width": 80, "height": 60, "frame_rate": 20},
+        effects={"shutter": 1.0},
+    )
+    assert Renderer(blurred).grey(7).tobytes() == drawn.grey(7).tobytes()
     doubled = in_footage(footage, 40, background_rate="own")
     assert [doubled.grey(index).tobytes() for index in (6, 7)] == [drawn.grey(3).tobytes()] * 2
+
+
+@pytest.mark.parametrize("rate", [16, 24, 30])
+def test_a_video_whose_times_are_rounded_shows_each_picture_once(tmp_path: Path, rate: int) -> None:
+    """In milliseconds, picture 2 of 30 per second comes at 0.067 s, after frame 2 of the display."""
+    display = {"width": 80, "height": 60, "frame_rate": rate}
+    camera, timing = {"forward_m_s": 5}, {"motion_s": 0.25}
+    drawn = staged(None, {"background": "plane"}, camera=camera, timing=timing, display=display)
+    video = stimulus.write(drawn, tmp_path, form="mkv").video
+    scene = {"background": str(video)}
+    shown = Renderer(staged(None, scene, timing=timing, display=display))
+    greys = [shown.grey(index).tobytes() for index in range(rate // 4)]
+    assert greys == [Renderer(drawn).grey(index).tobytes() for index in range(rate // 4)]
 
 
 def test_a_video_of_another_size_covers_the_display(footage: Path) -> None:
