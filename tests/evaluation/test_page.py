@@ -15,7 +15,7 @@ from oppload_cli.evaluation.evaluate import Evaluation
 from oppload_cli.evaluation.manifest import Entry, Manifest
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
-from oppload_cli.evaluation.output import FILES, report_of, write_evaluation
+from oppload_cli.evaluation.output import FILES, printed_table, report_of, write_evaluation
 from oppload_cli.evaluation.page import number, page_of
 from oppload_cli.evaluation.plots import PLOTS
 from oppload_cli.files.atomic import claimed
@@ -73,6 +73,16 @@ def page(evaluation: Evaluation) -> str:
 def captions(page: str) -> list[str]:
     """The words below each picture of a moment."""
     return re.findall(r"<figcaption><strong>(.*?)</figcaption>", page)
+
+
+def test_the_printed_table_bounds_what_no_alarm_can_show(evaluation: Evaluation) -> None:
+    """Twice 7.7 s before an onset, and three times 60 s: 3.26 minutes; 3 / 3.26 is 0.92."""
+    first, *_, last = printed_table(evaluation)
+    assert first.endswith("clips without one: 3, minutes without an approach: 3.26")
+    assert last.startswith("A detector without a false alarm in 3.26 minutes may")
+    assert "up to 0.92 per minute" in last
+    (found, *_) = report_of(evaluation)["clips"]
+    assert found["seconds_without_approach"] == pytest.approx(7.7)
 
 
 def test_the_worst_moments(evaluation: Evaluation) -> None:

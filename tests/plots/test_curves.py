@@ -15,7 +15,7 @@ from matplotlib.text import Text
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
-from oppload_cli.plots.curves import plot_curves
+from oppload_cli.plots.curves import _binned, plot_curves
 from oppload_cli.plots.rmo import plot_rmo
 from oppload_cli.plots.style import COLUMN, CYCLE, METADATA, MOST_HEIGHT, PAGE, save
 from oppload_cli.results.reading import read_result
@@ -248,6 +248,13 @@ def test_more_than_24_results_are_a_heat_map_of_bounded_size(tmp_path: Path) -> 
     names = [tick.get_text() for tick in opplod.get_yticklabels()]
     assert names[:2] == ["clip-0", "clip-2"]  # so many names would lie over each other
     assert len(opplod.lines) == 70  # the alarm of each
+
+
+def test_a_bin_of_time_shows_its_largest_value() -> None:
+    time, value = np.array([0.0, 0.2, 0.5, 0.9, 1.0]), np.array([3.0, 1.0, 2.0, np.nan, 5.0])
+    assert _binned(time, value, 0.0, 1.0, 2).tolist() == [3, 5]  # the end is in the last bin
+    assert _binned(time, value, 0.0, 1.0, 5).tolist() == [3, 1, 2, 2, 5]
+    assert _binned(time, value, 0.4, 0.6, 1).tolist() == [2]
 
 
 def test_a_long_name_leaves_a_heat_map_its_width(tmp_path: Path) -> None:

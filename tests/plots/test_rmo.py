@@ -21,6 +21,7 @@ def test_rmo_over_time(tmp_path: Path) -> None:
     assert (index.get_title("left"), share.get_xlim()) == ("a name", (0.5, 1))
     assert set(np.asarray(index.lines[1].get_ydata())[1:]) == {0.5}
     assert [line.get_label() for line in size.lines] == ["mean of ROM pairs", "max of ROM pairs"]
+    assert [set(np.asarray(line.get_ydata())[1:]) for line in size.lines] == [{0.8}, {0.9}]
     assert set(np.asarray(share.lines[0].get_ydata())[1:]) == {10}
     assert share.get_ylabel() == "ROM pairs (%)"
     drawn = {str(line.get_color()) for line in (index.lines[1], *size.lines, *share.lines)}

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import ResultError
+from oppload_cli.results import cells
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import read_result
-from tests.results.make import frame_rows, write_rows
+from oppload_cli.results.reading import read_result, read_tuning
+from tests.results.make import frame_rows, write_rows, write_tuning
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,6 +45,26 @@ def test_the_largest_number_of_a_detector_is_read(tmp_path: Path) -> None:
     rows = [row | {"product": "1.5e28"} for row in frame_rows()]
     path = write_rows(tmp_path / "a.frames.csv", rows)
     assert check_numbers(path, read_result(path).frames, "product").max() == 1.5e28
+
+
+@pytest.mark.parametrize("chunk", [8, 64, 1 << 16])
+def test_a_row_that_was_cut_is_left_out_whatever_the_length_of_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunk: int
+) -> None:
+    monkeypatch.setattr(cells, "CHUNK", chunk)
+    path = write_rows(tmp_path / "a.frames.csv", frame_rows(frames=30))
+    complete = path.read_bytes()
+    assert len(read_result(path).frames) == 30
+    path.write_bytes(complete + b"30,1.5,0.01,0.2")
+    assert len(read_result(path).frames) == 30
+
+
+def test_a_tuning_table_without_a_sidecar_is_of_no_symmetric_stimulus(tmp_path: Path) -> None:
+    values, peaks = {"bar.axis_deg": [0.0, 90.0]}, {"opplod": [1.0, 2.0]}
+    path = write_tuning(tmp_path / "a.tuning.csv", values, peaks, symmetric=True)
+    assert read_tuning(path).symmetric
+    path.with_suffix(".json").unlink()
+    assert not read_tuning(path).symmetric
 
 
 def test_rows_out_of_order_and_twice(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import pytest
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus import (
+    Brightness,
     Display,
     Effects,
     Growth,
@@ -309,14 +310,45 @@ def test_zoomed_dots_flow_outward() -> None:
     assert np.mean(values < 0.5) > 0.8
 
 
-def test_turned_dots_reach_the_corners() -> None:
+def test_turned_and_shrunk_dots_reach_the_corners() -> None:
     dots = Object(
         id="dots", kind="dots", dot_deg=1, dots_per_100deg2=400, contrast=-1, luminance=1.0
     )
+    shrinks = dataclasses.replace(dots, motion=Motion(zoom_per_s=-1.0))
     turned = Renderer(made(dots, scene=Scene(rotation_deg=45))).luminance(0)
-    corners = [turned[rows, columns].mean() for rows in (np.s_[:9], np.s_[-9:])
-               for columns in (np.s_[:9], np.s_[-9:])]  # fmt: skip
-    assert max(corners) < 0.3  # dots cover 1 - exp(-4 pi / 4) of the display
+    shrunk = Renderer(made(shrinks)).luminance(29)
+    for shown in (turned, shrunk):
+        corners = shown[[*range(9), *range(-9, 0)]][:, [*range(9), *range(-9, 0)]]
+        for corner in (corners[:9, :9], corners[:9, 9:], corners[9:, :9], corners[9:, 9:]):
+            assert corner.mean() < 0.3  # dots cover 1 - exp(-4 pi / 4) of the display
+
+
+def test_dots_that_reach_into_the_display_are_drawn() -> None:
+    """Two dots to the square degree leave exp(-pi / 2) of the display, also along its borders."""
+    dots = Object(
+        id="dots", kind="dots", dot_deg=1, dots_per_100deg2=200, contrast=-1, luminance=1.0
+    )
+    shown = Renderer(made(dots)).luminance(0)
+    for lines in (shown[[0, -1]], shown[:, [0, -1]]):
+        assert lines.mean() == pytest.approx(math.exp(-math.pi / 2), abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"kind": "disk", "size_deg": 9, "brightness": Brightness(kind="ramp", to=0.8)},
+        {"kind": "bar", "size_deg": 9, "width_deg": 3, "motion": Motion(rotation_deg_s=30)},
+        {"kind": "disk", "size_deg": 9, "motion": Motion(speed_deg_s=3)},
+        {"kind": "disk", "size_deg": 9, "growth": Growth(kind="edge-speed", speed_deg_s=3)},
+        {"kind": "texture", "contrast": 0.3, "motion": Motion(zoom_per_s=1)},
+    ],
+)
+def test_no_change_of_an_object_leaves_the_picture_of_before(values: dict[str, Any]) -> None:
+    protocol = made(Object(id="o", **values))
+    renderer = Renderer(protocol)
+    before, after = renderer.luminance(5).copy(), renderer.luminance(8)
+    assert not np.array_equal(after, before)
+    np.testing.assert_array_equal(after, Renderer(protocol).luminance(8))
 
 
 def test_texture_moves_with_its_stated_speed() -> None:

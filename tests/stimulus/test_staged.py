@@ -350,7 +350,7 @@ def test_a_video_is_shown_as_it_is(footage: Path) -> None:
 
 @pytest.mark.parametrize("rate", [16, 24, 30])
 def test_a_video_whose_times_are_rounded_shows_each_picture_once(tmp_path: Path, rate: int) -> None:
-    """In milliseconds, picture 2 of 30 per second comes at 0.067 s, after frame 2 of the display."""
+    """In milliseconds, picture 2 of 30 per second comes at 0.067 s, after the display's frame."""
     display = {"width": 80, "height": 60, "frame_rate": rate}
     camera, timing = {"forward_m_s": 5}, {"motion_s": 0.25}
     drawn = staged(None, {"background": "plane"}, camera=camera, timing=timing, display=display)

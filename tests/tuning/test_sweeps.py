@@ -279,6 +279,22 @@ def test_the_map_of_positions_peaks_where_the_unit_is() -> None:
     assert max(peaks[:1] + peaks[2:]) < 0.2 * peaks[1]
 
 
+def test_sizes_in_degrees_are_those_of_the_display_of_the_stimulus(tmp_path: Path) -> None:
+    """The display has 2 px/deg."""
+    found = [
+        present(
+            disk(tmp_path).protocols()[1],
+            resolve(
+                models=["opplod"], height="native", usual="reference",
+                assignments=[f"opplod.receptive_field={size}"],
+            ),
+        )["opplod"]
+        for size in ("12deg", "24")
+    ]  # fmt: skip
+    np.testing.assert_allclose(found[0].response, found[1].response)
+    assert np.nanmax(found[0].response) > 0
+
+
 def test_an_indicator_approaches_a_constant_exponentially_whatever_the_steps() -> None:
     times = np.array([0.0, 0.1, 0.35, 1.0])
     signal = low_passed(np.ones(4), times, 0.5)

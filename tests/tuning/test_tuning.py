@@ -439,6 +439,10 @@ def test_an_indicator_and_alarms_that_are_off_change_what_is_said_of_faint_respo
         (doubt,) = faint([Condition("a", {}, measures)], settings)
         assert words in doubt.text
         assert not list(faint([Condition("a", {}, measures, 1.0)], settings))
+        for peak, few in ((0.00099, 1), (0.00101, 0)):
+            assert (
+                len([*faint([Condition("a", {}, {"dlgmd": Measures(peak=peak)})], settings)]) == few
+            )
         # As a polar plot, which says "no response" there too.
         (doubt,) = faint([Condition("a", {}, {"dlgmd": Measures(peak=9e-9)})], settings)
         assert doubt.note == "below a millionth of its floor"

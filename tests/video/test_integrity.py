@@ -113,6 +113,25 @@ def test_the_last_page_of_an_ogg_file_says_so(tmp_path: Path) -> None:
         assert fault_of(str(path), "ogg") == fault
 
 
+def test_a_box_of_64_bits_is_as_long_as_it_says(tmp_path: Path) -> None:
+    path, name = tmp_path / "a.mp4", "mov,mp4,m4a,3gp,3g2,mj2"
+    box = b"\0\0\0\x01mdat" + (40).to_bytes(8) + bytes(24)
+    for content, fault in ((box, None), (box + box, None), (box + box[:-1], CUT)):
+        path.write_bytes(content)
+        assert fault_of(str(path), name) == fault
+
+
+def test_units_of_av1_end_with_a_picture(tmp_path: Path) -> None:
+    path, delimiter, picture = tmp_path / "a.obu", b"\x12\0", b"\x32\x03abc"
+    for content, fault in (
+        (delimiter + picture, None),
+        (delimiter + picture + delimiter, CUT),
+        (delimiter + picture[:-1], CUT),
+    ):
+        path.write_bytes(content)
+        assert fault_of(str(path), "obu") == fault
+
+
 def test_a_file_of_countless_parts_is_not_read_for_ever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -53,6 +53,19 @@ def test_the_angle_between_points_is_that_of_their_directions() -> None:
     assert across == pytest.approx(math.degrees(math.sqrt(0.5) / 200), rel=1e-5)
 
 
+def test_the_size_of_a_box_is_that_through_its_middle() -> None:
+    view = WIDE.view((300, 0, 100, 100), (350, 50), None)
+    # Vectors from the eye to the ends of the middle row, 50 px above the middle of the frame.
+    left, right = (100, 50, 200), (200, 50, 200)
+    cosine = (
+        sum(a * b for a, b in zip(left, right, strict=True))
+        / math.hypot(*left)
+        / math.hypot(*right)
+    )
+    assert view.angular_width_deg == pytest.approx(math.degrees(math.acos(cosine)))
+    assert view.angular_speed_deg_s is None
+
+
 def test_the_size_of_an_approach_grows_as_its_derivative() -> None:
     l_over_v, time = 0.06, 0.4
 

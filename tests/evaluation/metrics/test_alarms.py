@@ -64,6 +64,12 @@ def test_the_threshold_is_the_lowest_that_keeps_to_a_rate() -> None:
     assert thresholds.lowest(np.array([2, 0, 0, 0]), 1) == 3
 
 
+def test_a_rate_that_is_kept_exactly_may_be_rounded() -> None:
+    """One alarm in 0.3 + 0.35 + 0.35 minutes, whose sum is less than 1 by a rounding error."""
+    clips = [clip(peaks(183, {20: 5.0})), clip([0.0] * 213), clip([0.0] * 213)]
+    assert Thresholds(clips, NAME).lowest(np.ones(3, np.int64), 1.0) == 0
+
+
 def test_the_alarms_at_every_level_are_those_of_outcomes() -> None:
     random = np.random.default_rng(1)
     for rate in (1, 3, 30):

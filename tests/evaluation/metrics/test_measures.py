@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from oppload_cli.evaluation.metrics.clips import videos_of
 from oppload_cli.evaluation.metrics.intervals import (
     draws_of,
     estimate,
@@ -33,6 +34,14 @@ def test_draws_keep_the_number_of_clips_of_each_kind() -> None:
     assert set(draws[:, [1, 3, 4]].sum(axis=1)) == {3}
     assert draws.mean(axis=0) == pytest.approx(np.ones(5), abs=0.15)
     assert np.array_equal(draws, draws_of(looming, 300))
+
+
+def test_a_clip_of_its_own_video_shares_the_number_of_no_other() -> None:
+    made = clip([0.0] * 9)
+    clips = [replace(made, label=replace(made.label, video=video)) for video in (1, None, 1, None)]
+    first, second, third, fourth = videos_of(clips).tolist()
+    assert first == third
+    assert len({first, second, fourth}) == 3
 
 
 def test_clips_of_one_video_are_drawn_together() -> None:

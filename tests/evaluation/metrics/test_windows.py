@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,6 +27,14 @@ def test_a_frame_lasts_from_the_one_before_it() -> None:
     seen = clip([0.0] * 11)
     spans = [(0, 11), (0, 5), (3, 8), (8, 3)]
     assert [seen.seconds(*span) for span in spans] == pytest.approx([1.1, 0.5, 0.5, 0])
+
+
+def test_the_lead_counts_to_the_next_contact_and_is_0_at_it() -> None:
+    seen = clip([0.0] * 30, 5, 25)
+    label = replace(seen.label, contact_times=(1.0, 2.0))
+    leads = [replace(seen, label=label).lead(frame) for frame in (8, 10, 11, 20, 25)]
+    assert leads == pytest.approx([0.2, 0, 0.9, 0, 0])
+    assert seen.lead(24) == pytest.approx(0.1)
 
 
 def test_windows_about_an_approach() -> None:
