@@ -406,6 +406,6 @@ def test_the_boxes_of_a_scaled_video_are_in_its_own_pixels(tmp_path: Path) -> No
     (tmp_path / "half.stimulus.json").write_text(json.dumps(truth))
     (entry,) = clips_of(videos[:1], None, [], []).entries
     assert 18 not in entry.label.boxes
-    assert entry.label.boxes[19] == (31.25, 5, 0.75, 10)
+    assert entry.label.boxes[19] == pytest.approx((31.25, 5, 0.75, 10))
     assert ["belongs to another video" in fault for fault in found.faults] == [True, True, False]
     assert found.faults[2].startswith(f"{videos[3]}: the file is empty")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from functools import cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -227,7 +227,9 @@ def test_a_frame_does_not_depend_on_those_before_the_last() -> None:
 
 def test_the_frame_given_may_be_overwritten() -> None:
     """A disk of 6 px is seen at a finer resolution, for which the flow keeps the frame itself."""
-    grey = [np.round(255 * disk((160, 120), radius)).astype(np.uint8) for radius in (6, 7)]
+    grey: list[Any] = [
+        np.round(255 * disk((160, 120), radius)).astype(np.uint8) for radius in (6, 7)
+    ]
     for before, now in ((scaled(1), scaled(1.03)), grey):
         flow, frame = DenseFlow(), before.copy()
         flow.step(frame)
@@ -264,14 +266,6 @@ def test_motion_in_a_small_part_is_seen_at_a_finer_resolution() -> None:
     metrics = rmo_metrics(motion.starts, motion.vectors)
     assert metrics.rom_pairs >= 4
     assert metrics.rmo_index == 1
-
-
-def test_a_moving_dot_is_searched_in_a_part_that_is_large_enough() -> None:
-    """OpenCV refuses parts of less than 8 px; the dot of 3 px moves to the right by 1 px."""
-    before, now = disk((160, 120), 1.5), disk((161, 120), 1.5)
-    motion = vectors(before, now, RmoParams(reduction=1, minimum_speed=0.0))
-    assert len(motion.starts) >= 1
-    assert np.hypot(*(motion.starts - (160.5, 120)).T).max() < 16
 
 
 def test_the_grid_of_an_upright_video_is_that_of_a_lying_one() -> None:
@@ -336,6 +330,19 @@ def test_sampling_averages_over_the_area_of_a_cell() -> None:
     means = 2 * np.average(samples, axis=1, weights=weights)
     np.testing.assert_allclose(motion.vectors[:4, 0], means, rtol=1e-6)
     assert not motion.vectors[:, 1].any()
+
+
+@pytest.mark.parametrize("function", [sample, inspect.unwrap(sample)])
+@pytest.mark.parametrize(("speed", "change", "kept"), [(2, 1, 6), (2.01, 1, 0), (2, 1.01, 0)])
+def test_cells_at_the_minimum_are_kept(
+    function: Callable[..., tuple[Plane, Plane]], speed: float, change: float, kept: int
+) -> None:
+    """All samples change by a grey level and move by half a sample, 2 px."""
+    before, now = np.zeros((7, 11), np.uint8), np.ones((7, 11), np.uint8)
+    flow = np.zeros((7, 11, 2), np.float32)
+    flow[..., 1] = 0.5
+    starts, vectors = function(before, now, flow, Cells(2, 3, 4, 0, 0), (speed, change / 255))
+    assert len(starts) == len(vectors) == kept
 
 
 @pytest.mark.parametrize(

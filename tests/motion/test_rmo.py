@@ -145,9 +145,9 @@ def test_opposite_wraps_around(heading: float, departure: float, count: int) -> 
 
 
 def test_vectors_at_the_tolerance_itself_are_not_opposite() -> None:
-    vectors = np.array([[1.0, 0.0], [0.0, 1.0]])
-    assert not len(opposite_pairs(vectors, 90)[0])
-    assert rmo_metrics(vectors, vectors, RmoParams(opposite_tolerance=90)).rom_pairs == 0
+    vectors = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    assert np.array(opposite_pairs(vectors, 90)).tolist() == [[1], [2]]
+    assert rmo_metrics(vectors, vectors, RmoParams(opposite_tolerance=90)).rom_pairs == 1
 
 
 @pytest.mark.parametrize(("turn", "outward"), [(44.99, 1), (-44.99, 1), (45.01, 0), (135.01, 0)])

@@ -22,6 +22,7 @@ from oppload_cli.video.frames import (
     InputFacts,
     WorkingSize,
     max_pixels,
+    too_large,
 )
 from oppload_cli.video.source import open_video
 from tests.cli import inside
@@ -107,7 +108,9 @@ def test_the_limit_can_be_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv(MAX_PIXELS, str(96 * 64))
     with open_video(path) as video:
         assert len(list(video)) == 12
+    assert not too_large(96, 64, 8)
     monkeypatch.setenv(MAX_PIXELS, str(96 * 64 - 1))
+    assert too_large(96, 64, 8)  # a picture of few bits counts as one of the usual 12
     with pytest.raises(
         SourceError, match=f"declares 96 x 64 pixels, more than 6143; set {MAX_PIXELS}"
     ):

@@ -283,7 +283,7 @@ def test_a_picture_rests_after_its_motion() -> None:
     moves, *rests = (truth_of(resting, frame) for frame in (14, 15, 29))
     assert moves.edge_speed_deg_s > 0
     for truth in rests:
-        assert truth.offset_m == (0.25, 0, 3)
+        assert truth.offset_m == pytest.approx((0.25, 0, 3))
         assert (truth.edge_speed_deg_s, truth.edge_speed_px_frame) == (0, 0)
 
 
