@@ -9,7 +9,7 @@ import pytest
 from oppload_cli import DlgmdParams, OpplodResponse, analyse, open_video
 from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
-from oppload_cli.evaluation.evaluate import analyse_clips
+from oppload_cli.evaluation.evaluate import _groups, analyse_clips
 from oppload_cli.evaluation.manifest import Entry
 from oppload_cli.evaluation.metrics.alarms import shipped
 from oppload_cli.evaluation.metrics.clips import Label
@@ -65,6 +65,14 @@ def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
     assert np.array_equal(
         clip.outputs["frame_difference"].response[1:], np.array(changes[1:], float), equal_nan=True
     )
+
+
+def test_detectors_share_a_pass_if_their_alarms_are_the_same() -> None:
+    one = EvaluatedDetector("opplod", "", 60, REFERENCE, alarm_params())
+    same = EvaluatedDetector("dlgmd", "", 60, DlgmdParams(), alarm_params())
+    other = replace(same, alarm=alarm_params(factor=9.0))
+    assert [len(group) for group in _groups([one, same, one])] == [2, 1]
+    assert [len(group) for group in _groups([one, other])] == [1, 1]
 
 
 def test_within_a_second_of_contact_the_evidence_is_ten_times_the_response() -> None:
