@@ -165,7 +165,7 @@ class _Video:
         return np.asarray(picture / np.float32(255))
 
     def _index(self, time: float) -> int:
-        video_s = math.fmod(time + self._first, self._end) + _ROUNDED_S
+        video_s = math.fmod(time + self._first + _ROUNDED_S, self._end)
         return max(int(np.searchsorted(self._times, video_s, side="right")) - 1, 0)
 
 
@@ -200,8 +200,12 @@ def _footage(scene: Scene, display: Display, last_s: float, changed: int) -> Foo
                 raise StimulusError("it does not fit into memory; shorten timing")
     if not times:
         raise StimulusError("it has no frame that can be read; give another video")
-    step = (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1 / float(rate or 30)
-    return tuple(times), np.stack(pictures), times[-1] + step
+    lasted_s, steps = times[-1] - times[0], len(times) - 1
+    if rate and abs(lasted_s - steps / rate) <= 2 * _ROUNDED_S:  # the times are even, but rounded
+        end_s = times[0] + len(times) / float(rate)
+    else:
+        end_s = times[-1] + (lasted_s / steps if steps else 1 / float(rate or 30))
+    return tuple(times), np.stack(pictures), end_s
 
 
 def _check_size(width: int, height: int, scene: Scene, display: Display) -> None:

@@ -357,8 +357,12 @@ def test_a_video_whose_times_are_rounded_shows_each_picture_once(tmp_path: Path,
     video = stimulus.write(drawn, tmp_path, form="mkv").video
     scene = {"background": str(video)}
     shown = Renderer(staged(None, scene, timing=timing, display=display))
-    greys = [shown.grey(index).tobytes() for index in range(rate // 4)]
-    assert greys == [Renderer(drawn).grey(index).tobytes() for index in range(rate // 4)]
+    count = drawn.frame_count
+    pictures = [Renderer(drawn).grey(index).tobytes() for index in range(count)]
+    assert [shown.grey(index).tobytes() for index in range(count)] == pictures
+    again = staged(None, {**scene, "background_end": "loop"}, display=display)
+    greys = [Renderer(again).grey(index).tobytes() for index in range(rate)]
+    assert greys == (pictures * 5)[:rate]
 
 
 def test_a_video_of_another_size_covers_the_display(footage: Path) -> None:
