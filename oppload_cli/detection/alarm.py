@@ -40,7 +40,7 @@ class _Steps:
         step_s = time_s - before_s
         usual_s = median(self._latest) if self._latest else _FIRST_STEP_S
         self._latest.append(step_s)
-        return step_s if step_s > _GAP * usual_s else 0.0
+        return step_s if step_s > _GAP * usual_s + ROUNDING_S else 0.0
 
 
 class Alarm:
@@ -199,7 +199,8 @@ class Cuts:
             a frame that counts.
         """
         before_s = self._steps.before_s
-        is_gap = self._steps.gap_s(time_s) > max(self._params.hold_s, self._params.blind_s)
+        least_s = max(self._params.hold_s, self._params.blind_s)
+        is_gap = self._steps.gap_s(time_s) > least_s + ROUNDING_S
         if change is None:
             return ""
         while len(self._changes) > self.LEAST_KEPT and self._changes[0][0] < time_s - self.MEMORY_S:

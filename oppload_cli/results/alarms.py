@@ -41,7 +41,9 @@ class _AlarmEvent:
     start_s: float
     end_s: float
     peak_over_threshold: float = 0.0  # largest ratio of the response to the threshold
-    box: list[float] | None = None  # of the object at this ratio: x, y, width, height in source px
+    # x, y, width, height in source px of the object at this ratio; if there was none, of the object
+    # at the largest ratio before.
+    box: list[float] | None = None
     # From the start of the alarm to contact, by the first estimate during the alarm.
     time_to_contact_s: float | None = None
     # Whether the alarm began because contact was near: the response was not above the threshold,

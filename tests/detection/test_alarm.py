@@ -106,8 +106,9 @@ def test_a_hold_of_one_step_holds_over_times_that_are_rounded_to_milliseconds() 
     assert [alarm.step(each, time_s) for time_s, each in shown] == [False, True, True, False]
 
 
-@pytest.mark.parametrize(("late", "on"), [(0.5, True), (0.53125, False)])
+@pytest.mark.parametrize(("late", "on"), [(0.5, True), (0.5005, True), (0.53125, False)])
 def test_a_step_of_more_than_two_usual_steps_is_a_gap(late: float, on: bool) -> None:
+    """One lost frame, a step of two, is no gap, also if times are rounded to milliseconds."""
     alarm = Alarm("opplod", BARE)
     assert [alarm.step(2.0, time_s) for time_s in (0.0, 0.125, 0.25, late)] == [True] * 3 + [on]
 

@@ -110,7 +110,7 @@ def test_a_blind_frame_has_its_latest_cause() -> None:
     # A gap is longer than the hold, and than the time in which frames are blind.
     for hold_s, blind_s in ((0.5, 0.1), (0.1, 0.5)):
         cuts = Cuts(AlarmParams(blind_s=blind_s, hold_s=hold_s, cut_ratio=0))
-        times_s = (0, 0.1, 0.2, 0.6, 0.7, 1.3)
+        times_s = (0, 0.1, 0.2, 0.7005, 0.8, 1.4)
         assert [cuts.step(*changed(0.01, 0.3), each) for each in times_s] == [*[""] * 5, "gap"]
 
 
