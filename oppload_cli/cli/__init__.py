@@ -30,6 +30,7 @@ from oppload_cli.errors import (
     shortage,
     suggestion,
 )
+from oppload_cli.files.reading import is_file
 from oppload_cli.models import LOAD
 from oppload_cli.processes import signals
 from oppload_cli.version import __version__
@@ -125,8 +126,6 @@ oppload plot video.frames.csv  writes video.frames.png
 
 def _load(_ctx: click.Context, _option: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     """Put the names into the environment: the registry of each process loads the detectors."""
-    from oppload_cli.files.reading import is_file
-
     absolute: list[str] = []
     for name in names:
         is_path = name.endswith(".py")
