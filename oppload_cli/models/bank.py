@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oppload_cli.errors import DetectorError, OpploadError, ParameterError
-from oppload_cli.models.detector import Box
+from oppload_cli.models.detector import INTERPOLATED, Box
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.registry import detector_of, is_of_package
 from oppload_cli.models.timebase import Clock
@@ -50,6 +50,8 @@ class DetectorBank:
     ------
     ParameterError
         If no detector is given, or one is given twice.
+    DetectorError
+        If a user's detector cannot be made, or its `interpolated` is not one of the three words.
 
     Examples
     --------
@@ -80,7 +82,13 @@ class DetectorBank:
             if kind.name in self.detectors:
                 raise ParameterError(f"model '{kind.name}' is given twice; name each once")
             with _named(kind, "cannot be made"):
-                self.detectors[kind.name] = kind(shape, each, frame_rate=frame_rate, layers=layers)
+                detector = kind(shape, each, frame_rate=frame_rate, layers=layers)
+            if detector.interpolated not in INTERPOLATED:
+                raise DetectorError(
+                    f"detector '{kind.name}': its property 'interpolated' is "
+                    f"{detector.interpolated!r:.60}; return one of {', '.join(INTERPOLATED)}"
+                )
+            self.detectors[kind.name] = detector
 
     @property
     def luma_change(self) -> float | None:

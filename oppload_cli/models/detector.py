@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import Map
 
+# The pictures between frames that a detector gets; the first two are made of these frames.
+INTERPOLATED = ("both", "earlier", "none")
+
 
 class Box(NamedTuple):
     """A rectangle in pixels: its left top corner, width and height.
@@ -309,7 +312,8 @@ class Detector(ABC):
         """The pictures between frames that it also gets, where frames are far apart.
 
         They are interpolated from ``both`` frames or from the ``earlier`` one. A detector without
-        such pictures returns ``none``.
+        such pictures returns ``none``; one with such pictures has layers of its own, or copies them
+        in `separate`.
         """
         return "none"
 

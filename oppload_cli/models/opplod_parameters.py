@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.detector import Response
+from oppload_cli.models.detector import INTERPOLATED, Response
 from oppload_cli.models.dpc import DpcParams
 from oppload_cli.schema import parameter
 
@@ -181,7 +181,7 @@ class OpplodParams(DpcParams):
         "both",
         "OppLoD also sees pictures between frames 1.7 to 6.7 intervals apart, interpolated from "
         "both frames or from the earlier one; none: it does not",
-        choices=("both", "earlier", "none"),
+        choices=INTERPOLATED,
     )
     cone: float = parameter(
         60.0,

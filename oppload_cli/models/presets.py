@@ -43,7 +43,7 @@ PRESETS = {
         ),
         Preset(
             "reference",
-            "for studies of the model: the paper's OppLoD made to work, with nothing added",
+            "for studies of the model: the paper's OppLoD made to work, at any frame rate",
             240,
         ),
         Preset(

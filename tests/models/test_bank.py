@@ -285,6 +285,16 @@ def test_a_detector_that_cannot_be_made_is_named() -> None:
         registry.forget("unmakable")
 
 
+def test_a_detector_with_unknown_pictures_in_between_is_named() -> None:
+    kind = again(interpolated=True)
+    registry.register(kind)
+    try:
+        with pytest.raises(DetectorError, match=r"'again': .* is True; return one of both, earl"):
+            DetectorBank((9, 9), [kind.parameters()])
+    finally:
+        registry.forget("again")
+
+
 def again(**others: object) -> type[Detector]:
     """Return a new class of the same name, as a notebook's cell defines it when it runs again."""
     fields = {"__qualname__": "Again", "name": "again", "parameters": Parameters, **others}

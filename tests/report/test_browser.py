@@ -191,7 +191,8 @@ def test_bars_of_alarms_begin_at_the_top(browser: Browser, tmp_path: Path) -> No
       found += pixels[i] === 0x00 && pixels[i + 1] === 0x72 && pixels[i + 2] === 0xb2;
     return found;
     """
-    browser.wait_for(lambda: browser.run(bar) > 100, "the bar is lower")
+    browser.wait_for(lambda: browser.run(bar), "no bar is drawn")
+    assert browser.run(bar) > 100
 
 
 def test_it_plays_to_the_end_in_step(browser: Browser, page: Path) -> None:
