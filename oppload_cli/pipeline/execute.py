@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os.path
+import os
 import sys
 import threading
 import time
@@ -195,6 +195,10 @@ def _write_stream(run: _Run) -> None:
     stream: IO[str] | None = sys.stdout
     if stream is None:  # Python's value of a closed standard output: "oppload ... >&-"
         raise OutputError("standard output: is closed; open it, or give a folder with --output")
+    if sys.platform != "win32":
+        # If the reader is slow, Python drops rows in silence where writing does not wait.
+        with suppress(OSError):  # a stream of a test is no file of the system
+            os.set_blocking(stream.fileno(), True)
     try:
         table = Table(stream, run.columns)
         run.analyse(run.video, lambda record: table.write(record.values()))

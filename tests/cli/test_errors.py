@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import os
 import sys
-from contextlib import redirect_stderr
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
@@ -142,6 +143,24 @@ def test_a_reader_that_goes_is_no_bug(clip: Path) -> None:
     finally:
         os.close(write)
     assert done == ([130, 130], "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
+def test_a_reader_that_is_slow_loses_no_row(clip: Path) -> None:
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with (
+        ThreadPoolExecutor(1) as pool,
+        io.TextIOWrapper(io.FileIO(read)) as reader,
+        io.TextIOWrapper(io.FileIO(write, "w")) as stream,
+        redirect_stdout(stream),
+    ):
+        rows = pool.submit(reader.readlines)
+        with pytest.raises(SystemExit) as ended:
+            main(["run", str(clip), "-o", "-", "-q"])
+        waits = os.get_blocking(write)
+        stream.close()
+        assert (ended.value.code or 0, waits, len(rows.result())) == (0, True, 25)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
