@@ -23,6 +23,7 @@ extensions = [
     "sphinx_design",
     "tools.site",
 ]
+smartquotes = False  # they would turn -- of an option into a dash
 exclude_patterns = ["_build", "*.in.md", "examples"]
 suppress_warnings = ["autosummary.import_cycle"]
 
@@ -31,12 +32,12 @@ myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence"]
 myst_links_external_new_tab = True
 
-# Python: the summary of a class names its methods; their sections come from the docstring.
+# Python: a page per public name; the page of a class has its methods.
+templates_path = ["_templates"]
 autosummary_generate = True
 autodoc_typehints = "none"
-numpydoc_show_class_members = True
-numpydoc_class_members_toctree = False
-numpydoc_show_inherited_class_members = False
+numpydoc_show_class_members = False
+toc_object_entries_show_parents = "hide"
 
 copybutton_exclude = ".linenos, .gp, .go"
 copybutton_selector = "div:not(.output) > div.highlight > pre"

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from oppload_cli.models.detector import Column, Detector
-    from oppload_cli.schema import Parameter, Parameters
+    from oppload_cli.schema import Parameters
 
 DOCS = Path(__file__).parent
 EXITS = {
@@ -94,17 +94,7 @@ def rows(kind: type[Parameters]) -> Iterable[tuple[str, ...]]:
     """Yield a row per parameter of a set."""
     for each in kind.declared():
         default = "auto" if each.default is None else str(each.default)
-        yield f"`{each.name}`", default, each.unit, span(each), each.meaning
-
-
-def span(of: Parameter) -> str:
-    """Return the allowed values of a parameter in words."""
-    if of.choices:
-        return ", ".join(map(str, of.choices))
-    if of.low is not None and of.high is not None:
-        return f"{of.low:g} to {of.high:g}"
-    ends = {"at least": of.low, "above": of.above, "at most": of.high}
-    return ", ".join(f"{word} {end:g}" for word, end in ends.items() if end is not None)
+        yield f"`{each.name}`", default, each.unit, each.allowed, each.meaning
 
 
 def columns(these: Iterable[Column]) -> str:

@@ -115,9 +115,25 @@ class Parameter:
         return _in_words(self.type)
 
     @property
+    def allowed(self) -> str:
+        """The choices or the range in words, such as ``0 to 1``; empty if there are none."""
+        if self.choices:
+            return ", ".join(map(str, self.choices))
+        ends = {"at least": self.low, "above": self.above, "at most": self.high}
+        exact = {word: _exact(end) for word, end in ends.items() if end is not None}
+        if self.low is not None and self.high is not None:
+            return f"{exact['at least']} to {exact['at most']}"
+        return ", ".join(f"{word} {end}" for word, end in exact.items())
+
+    @property
     def table(self) -> type[Table] | None:
         """The type if the value is itself a table, else None."""
         return self.type if _is_table(self.type) else None
+
+
+def _exact(bound: float) -> str:
+    short = f"{bound:g}"
+    return short if float(short) == bound else f"{bound:.17g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,11 +281,11 @@ class Table:
             raise cls._error(f"{label} must be a finite number, not {_float(number)}")
         wanted = ""
         if declared.low is not None and number < declared.low:
-            wanted = f"at least {declared.low:g}"
+            wanted = f"at least {_exact(declared.low)}"
         elif declared.above is not None and number <= declared.above:
-            wanted = f"above {declared.above:g}"
+            wanted = f"above {_exact(declared.above)}"
         elif declared.high is not None and number > declared.high:
-            wanted = f"at most {declared.high:g}"
+            wanted = f"at most {_exact(declared.high)}"
         if wanted:
             unit = f" {declared.unit}" if declared.unit and cls._units else ""
             # With all digits: 1.0000001 must not read as 1.

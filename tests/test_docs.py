@@ -49,6 +49,7 @@ def test_every_page_has_its_place_in_the_site() -> None:
 def test_the_page_of_the_python_api_lists_every_public_name() -> None:
     listed = set(re.findall(r"^   (\w+)$", (DOCS / "reference/api.md").read_text(), re.MULTILINE))
     assert set(oppload_cli.__all__) - listed == {"__version__", "stimulus"}
+    assert set(oppload_cli.stimulus.__all__) - listed == set()
 
 
 def test_pages_are_short_but_for_the_reference() -> None:

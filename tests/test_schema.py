@@ -101,6 +101,19 @@ def test_parameters_name_themselves_and_their_set() -> None:
     assert SomeParams().resolved(240) == SomeParams()
 
 
+def test_what_a_value_may_be_in_words() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Bounded(Parameters):
+        seed: int = parameter(0, "seed", low=0, high=2**32 - 1)
+        share: float = parameter(0.5, "share", above=0, high=1e6)
+        name: str = parameter("", "name")
+
+    words = [each.allowed for each in (*Bounded.declared(), Outer.declared()[0])]
+    assert words == ["0 to 4294967295", "above 0, at most 1e+06", "", "disk, bar"]
+    with pytest.raises(ParameterError, match="at most 4294967295, not 4294967296"):
+        Bounded(seed=2**32)
+
+
 def test_every_declaration_is_described() -> None:
     gain, cell = SomeParams.declared()
     assert (gain.name, gain.words, gain.optional, gain.unit, gain.low) == (
