@@ -122,7 +122,7 @@ class Dlgmd(Detector):
     label = "D-LGMD"
     colour = "#0072B2"
     year = 2021
-    reference = "Zhao et al., D-LGMD"
+    reference = "Zhao et al., D-LGMD, IEEE Trans. Neural Networks and Learning Systems"
     answers_to = "fast and growing edges, of any contrast; also fast translation"
     made_for = "600 px high, 30 frames/s"
     cost_ms = 0.7

@@ -85,7 +85,7 @@ class Opplod(Detector):
     label = "OppLoD"
     colour = "#D55E00"
     year = 2023
-    reference = "Shuang et al., OppLoD"
+    reference = "Shuang et al., OppLoD, arXiv:2302.10284"
     answers_to = "edges that move outward from a centre on opposite sides"
     made_for = "240 px high, 30 frames/s; other rates by its presentation times"
     cost_ms = 2.6
