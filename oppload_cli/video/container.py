@@ -174,12 +174,13 @@ class ContainerSource:
         if declared is not None:
             return max(0, declared - self.decode.decoded)
         end = declared_end(self._container, self._stream)
-        if not self.facts.frame_rate or end is None or self._first.pts is None:
+        first, base = self._first.pts, self._stream.time_base
+        if not self.facts.frame_rate or end is None or first is None or base is None:
             return 0
         rate = float(self.facts.frame_rate)
         # Up to 1.5 frame durations may lack without damage: programs round durations, only some
         # programs count the last frame's duration, and at a variable rate it is unknown.
-        lost = end - self._first.time - self._latest_time
+        lost = end - float(first * base) - self._latest_time
         if lost <= 1.5 * max(1 / rate, self._longest_gap):
             return 0
         # FFmpeg's rate may be far too high, for example for a Matroska file that states none.

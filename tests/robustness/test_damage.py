@@ -268,6 +268,14 @@ def test_a_stream_that_breaks_off_gives_its_rows_and_the_reason(
         assert any("the stream broke off" in each for each in video.decode.messages)
 
 
+def test_a_stream_that_breaks_off_in_its_first_frames(tmp_path: Path) -> None:
+    """The frame that the decoder still holds then has a time stamp, but no time base of its own."""
+    path = make(tmp_path / "a.mkv", Kind("mkv", "mpeg1video", frames=10))
+    with Server(path, 0.3) as server, open_video(server.url, height=16) as video:
+        assert len(list(video)) == 1
+        assert video.decode.missing == 9
+
+
 def test_a_run_on_a_stream_that_breaks_off(tmp_path: Path) -> None:
     path = make(tmp_path / "a.y4m", Kind("y4m", "wrapped_avframe", frames=60))
     with Server(path, 0.6) as server:
