@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
-from oppload_cli.models.registry import ALL, detector_of, detectors, parameters_of
-from oppload_cli.models.timebase import TimeParams, time_params
+from oppload_cli.models.registry import ALL, detector_of, detectors
+from oppload_cli.models.timebase import TimeParams
 from oppload_cli.pipeline.repeats import RepeatParams
 from oppload_cli.pipeline.settings import resolve
 
@@ -83,11 +82,7 @@ def evaluated_detectors(
     _, others = _by_presets()
     own = [name for name in chosen if name not in others] or _usual()
     rest = [name for name in others if detectors()[name].evaluated or name in chosen]
-    handling = RepeatParams(handling=repeats) if repeats else RepeatParams()
-    found = [_evaluated(name, handling) for name in (*own, *rest)]
-    if not assignments:
-        return found
-    changed = [_with_settings(each, repeats, assignments) for each in found]
+    found = [_evaluated(name, repeats, assignments) for name in (*own, *rest)]
     sets = {*(each.detector for each in found), "alarm", "repeats", "time"}
     for assignment in assignments:
         name = assignment.partition(".")[0].strip()
@@ -96,7 +91,7 @@ def evaluated_detectors(
                 f"'{assignment}': the evaluation has no parameter set '{name}'; add a detector "
                 f"with --model, or choose {', '.join(sorted(sets))}"
             )
-    return changed
+    return found
 
 
 def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:
@@ -105,7 +100,7 @@ def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:
     The names and the error are those of `evaluated_detectors`; ``all`` gives each detector that
     presets change twice, under ``default`` and under ``reference``.
     """
-    return [_evaluated(name, RepeatParams()) for name in _full_names(list(names) or [ALL])]
+    return [_evaluated(name) for name in _full_names(list(names) or [ALL])]
 
 
 def _by_presets() -> tuple[list[str], list[str]]:
@@ -139,35 +134,23 @@ def _full_names(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(full))
 
 
-def _evaluated(full_name: str, repeats: RepeatParams) -> EvaluatedDetector:
+def _evaluated(
+    full_name: str, repeats: str | None = None, assignments: Sequence[str] = ()
+) -> EvaluatedDetector:
     name, _, preset = full_name.partition(":")
     preset = preset or DEFAULT_PRESET
     detector = detectors()[name]
+    settings = resolve(preset=preset, models=[name], repeats=repeats, assignments=assignments)
+    # Detectors whose alarms are equal in all of their parameters can share one pass.
+    settings = settings.with_all_detectors()
     return EvaluatedDetector(
         full_name,
         PRESETS[preset].meaning if detector.presets else detector.meaning,
         PRESETS[preset].height,
-        parameters_of(name, preset),
-        alarm_params(preset),
-        repeats,
-        time_params(preset),
-    )
-
-
-def _with_settings(
-    evaluated: EvaluatedDetector, repeats: str | None, assignments: Sequence[str]
-) -> EvaluatedDetector:
-    """Return an evaluated detector with the assigned values in place of its preset's values."""
-    preset = evaluated.name.partition(":")[2] or DEFAULT_PRESET
-    settings = resolve(
-        preset=preset, models=[evaluated.detector], repeats=repeats, assignments=assignments
-    )
-    return replace(
-        evaluated,
-        params=settings.model_params()[0],
-        alarm=settings.alarm,
-        repeats=settings.repeats,
-        time=settings.time,
+        settings.model_params()[0],
+        settings.alarm,
+        settings.repeats,
+        settings.time,
     )
 
 
