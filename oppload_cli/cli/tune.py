@@ -146,7 +146,7 @@ def _run(
             jobs=jobs or cores(),
             progress=bar.update,
         )
-    doubts = list(doubts_about(conditions, entry, settings))
+    doubts = list(doubts_about(conditions, entry, settings, indicator_s))
     for doubt in doubts:
         say(f"oppload: {doubt.text}")
     write_tuning(table, conditions)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import time
 from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any, Self
@@ -64,6 +65,19 @@ class Table:
         if now - self._flushed >= _FLUSH_EVERY_S:
             self._stream.flush()
             self._flushed = now
+
+
+def csv_text(
+    rows: Iterable[Mapping[str, Any]],
+    columns: Iterable[str],
+    cell: Callable[[Any], str] = formatted,
+) -> str:
+    """Return rows as the text of a CSV file; the arguments are those of `Table`."""
+    text = io.StringIO()
+    table = Table(text, columns, cell)
+    for row in rows:
+        table.write(row)
+    return text.getvalue()
 
 
 @contextmanager

@@ -11,20 +11,19 @@ import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
-from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.environment import environment
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.html import embedded, rendered
-from oppload_cli.files.tables import Table, formatted
+from oppload_cli.files.tables import csv_text, formatted
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.tuning.present import measure, present
-from oppload_cli.tuning.run import Condition, faint
+from oppload_cli.tuning.present import present
+from oppload_cli.tuning.run import faint
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -142,11 +141,7 @@ class Built:
 
     def table(self) -> str:
         """Return the rows as CSV."""
-        text = StringIO()
-        table = Table(text, self.rows[0], _cell)
-        for row in self.rows:
-            table.write(row)
-        return text.getvalue()
+        return csv_text(self.rows, self.rows[0], _cell)
 
     def files(self, form: str) -> dict[str, str | bytes]:
         """Return the figure in a format, and its table, by file name."""
@@ -203,12 +198,11 @@ def hardly(
     stimuli : str
         The stimuli in words, such as ``to the disk``.
     """
-    measured = [Condition("", {}, {detector: measure(each)}) for each in responses]
     peak = max(map(peak_of, responses))
     return "".join(
         f"{detector_named(detector).label} hardly responds {stimuli} (largest response "
         f"{peak:.3g}, {doubt.note}): the shape of its curve means little."
-        for doubt in faint(measured, replace(settings, models=(detector,)))
+        for doubt in faint({detector: peak}, settings)
     )
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import partial
-from io import StringIO
 from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,7 +13,7 @@ import numpy as np
 from oppload_cli.environment import environment
 from oppload_cli.errors import OpploadError
 from oppload_cli.files.atomic import PartFile, write_atomic
-from oppload_cli.files.tables import formatted
+from oppload_cli.files.tables import csv_text, formatted
 from oppload_cli.models.registry import alarm_floor_of, detector_named, is_rounding_error
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
@@ -40,7 +38,6 @@ _ONSET_S = _ONSET_INTERVALS / 30
 _NEURON = "arms"  # the judgement of a detector that responds like one LPLC2 neuron
 _ONE_UNIT = "1x1"
 _PRESENTATION = "presentation"  # column of the number of a presentation in a row
-_MEASURES = tuple(field.name for field in fields(Measures))
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,6 @@ class Condition:
     stimulus: str
     values: dict[str, Any]  # of the swept parameters, by dotted key
     measures: dict[str, Measures]  # by detector
-    indicator_s: float = 0.0  # time constant of the calcium indicator; 0 for none
 
 
 def tune(
@@ -108,7 +104,7 @@ def tune(
             if presentations > 1:
                 name = f"{stimulus}/{_PRESENTATION}-{number}"
                 values = {**swept, _PRESENTATION: number}
-            conditions.append(Condition(name, values, measures, indicator_s))
+            conditions.append(Condition(name, values, measures))
     return conditions
 
 
@@ -139,29 +135,35 @@ class Doubt(NamedTuple):
 
 
 def doubts_about(
-    conditions: Sequence[Condition], entry: Entry, settings: Settings
+    conditions: Sequence[Condition], entry: Entry, settings: Settings, indicator_s: float = 0.0
 ) -> Iterator[Doubt]:
-    """Yield the detectors whose curves over a sweep mean little, with the reasons."""
-    yield from faint(conditions, settings)
-    yield from _to_onset(conditions, entry)
-    yield from _to_vanishing(conditions, entry)
-    yield from _unlike_neurons(conditions, settings, entry.protocols()[0].display.height)
+    """Yield the detectors whose curves over a sweep mean little, with the reasons.
+
+    The arguments are those of :func:`tune` and its result.
+    """
+    if not indicator_s:  # an indicator makes each peak smaller, and the floors do not regard it
+        peaks = {
+            name: max(each.measures[name].peak or 0 for each in conditions)
+            for name in settings.models
+        }
+        yield from faint(peaks, settings)
+    if _PRESENTATION not in conditions[0].values:
+        yield from _to_onset(conditions, entry)
+        if not indicator_s:  # with one, a peak may come at the end of any motion
+            yield from _to_vanishing(conditions, entry)
+    yield from _unlike_neurons(settings, entry.protocols()[0].display.height, indicator_s)
 
 
-def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt]:
+def faint(peaks: Mapping[str, float], settings: Settings) -> Iterator[Doubt]:
     """Yield the detectors that hardly respond: the shapes of their curves mean little.
 
-    With an indicator, no detector is named: the floors are for responses without an indicator,
-    which makes each peak smaller.
+    `peaks` has the largest response of each detector without an indicator.
     """
-    if any(each.indicator_s for each in conditions):
-        return
     floor_of = "the floor of its alarm"
     if not settings.alarm.on:
         floor_of = "the floor of its alarm under other presets (here the alarms are off)"
     advice = "try a faster stimulus or another preset ('oppload models')"
-    for name in settings.models:
-        peak = max(each.measures[name].peak or 0 for each in conditions)
+    for name, peak in peaks.items():
         floor = alarm_floor_of(name, settings.preset)
         if is_rounding_error(peak, floor):
             yield Doubt(
@@ -188,8 +190,6 @@ def _to_onset(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
     start of the motion shows no tuning. Without a pause before the motion, a detector with a long
     warm-up has no response to this start; the others respond to it all the same.
     """
-    if _PRESENTATION in conditions[0].values:
-        return
     pauses = [_pause(protocol) for protocol in entry.protocols()]
     keys = dict.fromkeys(key for _, named in pauses for key in named)
     advice = f"; {' and '.join(f'--change {key}=0' for key in keys)} leaves the pause before it out"
@@ -225,12 +225,7 @@ def _pause(protocol: Protocol) -> tuple[float, list[str]]:
 
 
 def _to_vanishing(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
-    """Yield the detectors that respond to an object that vanishes, which is no motion.
-
-    With an indicator, a peak may come at the end of any motion.
-    """
-    if _PRESENTATION in conditions[0].values or any(each.indicator_s for each in conditions):
-        return
+    """Yield the detectors that respond to an object that vanishes, which is no motion."""
     vanishing = [_vanishing(protocol) for protocol in entry.protocols()]
     advice = " and ".join(f"--change {key}=never" for key in dict.fromkeys(chain(*vanishing)))
     for name in conditions[0].measures:
@@ -259,9 +254,7 @@ def _vanishing(protocol: Protocol) -> dict[str, float]:
     }
 
 
-def _unlike_neurons(
-    conditions: Sequence[Condition], settings: Settings, height: int
-) -> Iterator[Doubt]:
+def _unlike_neurons(settings: Settings, height: int, indicator_s: float) -> Iterator[Doubt]:
     """Yield the detectors that model LPLC2 neurons, but are not measured as the neurons were.
 
     The neurons were recorded one at a time, with a calcium indicator (``docs/lplc2.md``). Without
@@ -274,7 +267,7 @@ def _unlike_neurons(
         if getattr(resolved[name], "judgement", "") != _NEURON:
             continue
         missing, advice = [], []
-        if not any(each.indicator_s for each in conditions):
+        if not indicator_s:
             missing, advice = ["no indicator"], ["--indicator 1"]
         if getattr(resolved[name], "units", _ONE_UNIT) != _ONE_UNIT:
             missing.append("more than one unit")
@@ -314,16 +307,17 @@ def _is_symmetric(entry: Entry) -> bool:
 
 def write_tuning(table: Path | PartFile, conditions: Sequence[Condition]) -> None:
     """Write the table of a sweep; raise OutputError if it cannot be written."""
-    columns = list(_cells(conditions[0].values))
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["stimulus", *columns, "model", *_MEASURES])
-    for condition in conditions:
-        values = list(_cells(condition.values).values())
-        for detector, measures in condition.measures.items():
-            numbers = [formatted(getattr(measures, name)) for name in _MEASURES]
-            writer.writerow([condition.stimulus, *values, detector, *numbers])
-    write_atomic(table, text.getvalue())
+    rows = [
+        {
+            "stimulus": condition.stimulus,
+            **_cells(condition.values),
+            "model": detector,
+            **asdict(measures),
+        }
+        for condition in conditions
+        for detector, measures in condition.measures.items()
+    ]
+    write_atomic(table, csv_text(rows, rows[0]))
 
 
 def write_tuning_sidecar(

@@ -313,7 +313,7 @@ def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
     conditions = [replace(early, measures={"frame_difference": before})] * 3
     assert not list(doubts_about(conditions, gone, settings))
     slow = tune(gone, settings, indicator_s=1)  # its peak comes at the end of any motion
-    assert not list(doubts_about(slow, gone, settings))
+    assert not list(doubts_about(slow, gone, settings, 1))
 
 
 @pytest.mark.parametrize(
@@ -429,22 +429,26 @@ def test_two_frames_decide_whether_a_stimulus_is_symmetric(
     assert json.loads(path.read_text())["stimulus"]["symmetric"] is symmetric
 
 
-def test_an_indicator_and_alarms_that_are_off_change_what_is_said_of_faint_responses() -> None:
-    measures = {"dlgmd": Measures(peak=1e-4)}
+def test_with_an_indicator_a_faint_response_is_no_doubt() -> None:
+    settings = resolve(preset="reference", models=["dlgmd"])
+    faint_one = [Condition("a", {}, {"dlgmd": Measures(peak=1e-4)})]
+    entry = find("klapoetke2017/loom")[0]
+    assert len([*doubts_about(faint_one, entry, settings)]) == 1
+    assert not [*doubts_about(faint_one, entry, settings, 1.0)]
+
+
+def test_alarms_that_are_off_change_what_is_said_of_faint_responses() -> None:
     for preset, words in (
         ("reference", "a tenth of the floor of its alarm, 0.01"),
         ("lplc2", "the floor of its alarm under other presets (here the alarms are off), 0.01"),
     ):
         settings = resolve(preset=preset, models=["dlgmd"])
-        (doubt,) = faint([Condition("a", {}, measures)], settings)
+        (doubt,) = faint({"dlgmd": 1e-4}, settings)
         assert words in doubt.text
-        assert not list(faint([Condition("a", {}, measures, 1.0)], settings))
         for peak, few in ((0.00099, 1), (0.00101, 0)):
-            assert (
-                len([*faint([Condition("a", {}, {"dlgmd": Measures(peak=peak)})], settings)]) == few
-            )
+            assert len([*faint({"dlgmd": peak}, settings)]) == few
         # As a polar plot, which says "no response" there too.
-        (doubt,) = faint([Condition("a", {}, {"dlgmd": Measures(peak=9e-9)})], settings)
+        (doubt,) = faint({"dlgmd": 9e-9}, settings)
         assert doubt.note == "below a millionth of its floor"
         assert doubt.text.startswith("D-LGMD does not respond to this stimulus under preset")
         assert "9e-09" not in doubt.text
@@ -465,8 +469,8 @@ def test_neurons_that_are_measured_unlike_the_study_are_named(
 ) -> None:
     settings = resolve(preset=preset, models=["opplod", "dlgmd"], assignments=assigned)
     measures = {name: Measures(peak=1.0) for name in settings.models}
-    condition = Condition("a", {}, measures, indicator_s)
-    doubts = list(doubts_about([condition], find("klapoetke2017/loom")[0], settings))
+    condition = Condition("a", {}, measures)
+    doubts = list(doubts_about([condition], find("klapoetke2017/loom")[0], settings, indicator_s))
     notes = [(each.detector, each.note) for each in doubts]
     expected = f"{missing}: larger for bars than in LPLC2 neurons"
     assert notes == ([("opplod", expected)] if missing else [])
