@@ -42,6 +42,7 @@ from oppload_cli.plots.style import (
     wrapped,
     write_title,
 )
+from oppload_cli.results.truths import size_in
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -282,7 +283,7 @@ def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
     time = np.array([frame["time_s"] for frame in frames], float) - zero_s
     looming = np.array([bool(frame["looming"]) for frame in frames])
     names = dict.fromkeys(each["id"] for frame in frames for each in frame["objects"])
-    sizes = {name: np.array([_size(frame, name) for frame in frames]) for name in names}
+    sizes = {name: np.array([size_in(frame, name) for frame in frames], float) for name in names}
     visible = {name: size for name, size in sizes.items() if np.isfinite(size).any()}
     for number, (name, size) in enumerate(visible.items()):
         dash = DASHES[number % len(DASHES)]
@@ -300,13 +301,6 @@ def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
     axes.set_ylabel("size (deg)")
     if looming.any():
         axes.set_title("grey: looming", loc="right", fontsize=6, color=INK, pad=2)
-
-
-def _size(frame: dict[str, Any], name: str) -> float:
-    """Return the angular size of an object in degrees; NaN while the object is not visible."""
-    found = next((each for each in frame["objects"] if each["id"] == name), None)
-    size = found["angular_size_deg"] if found and found["visible"] else None
-    return np.nan if size is None else float(size)
 
 
 def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:

@@ -21,7 +21,7 @@ from oppload_cli.plots.style import (
     short_number,
     wrapped,
 )
-from oppload_cli.results.reading import result_threshold
+from oppload_cli.results.reading import alarm_rows, known_threshold
 from oppload_cli.results.truths import contacts_of, stated_contact, usable_truth
 
 if TYPE_CHECKING:
@@ -121,11 +121,7 @@ class Curve:
     @cached_property
     def threshold(self) -> Series | None:
         """The alarm's threshold in each frame; None if the alarms were off."""
-        if f"{self.detector}_alarm" not in self.result.frames.columns:
-            return None
-        threshold = result_threshold(self.result, self.detector)
-        known = np.isfinite(threshold) & (threshold > 0)
-        return np.where(known, threshold, np.nan) if known.any() else None
+        return known_threshold(self.result, self.detector)
 
     def scaled(self, scale: str) -> Series:
         """Return the responses over the threshold, over their peak, or in their unit."""
@@ -137,13 +133,10 @@ class Curve:
 
     def alarms(self) -> list[tuple[float, float]]:
         """Return the beginning of each alarm, as on the axis, and its duration, in seconds."""
-        column = f"{self.detector}_alarm"
-        if column not in self.result.frames.columns:
-            return []
-        time, on = self.time, self.result.frames[column].to_numpy(float) == 1
+        time = self.time
         step = float(np.median(np.diff(time)))
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
-        return [(time[a], time[b - 1] - time[a] + step) for a, b in edges.reshape(-1, 2)]
+        rows = alarm_rows(self.result, self.detector)
+        return [(time[first], time[stop - 1] - time[first] + step) for first, stop in rows]
 
 
 def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list[Curve]]:

@@ -13,7 +13,7 @@ from oppload_cli.models.registry import detector_named, detectors, placing_detec
 from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure, wrapped
 from oppload_cli.results.alarms import times
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import find_video, result_threshold
+from oppload_cli.results.reading import find_video, known_threshold
 from oppload_cli.results.table import SIDECAR
 from oppload_cli.results.truths import usable_truth
 from oppload_cli.video.inputs import Position, Span
@@ -167,10 +167,10 @@ def plot_places(
 
 def _over_threshold(result: BaseResult, detector: str, row: int) -> str:
     """Return the peak over its threshold in words, as the dots of noise can be large too."""
-    threshold = result_threshold(result, detector)[row]
-    if f"{detector}_alarm" not in result.frames.columns or not threshold > 0:
+    threshold = known_threshold(result, detector)
+    if threshold is None or np.isnan(threshold[row]):
         return ""
-    ratio = float(result.frames[f"{detector}_response"].iloc[row]) / threshold
+    ratio = float(result.frames[f"{detector}_response"].iloc[row]) / threshold[row]
     return f"\npeak: {times(ratio)} times the threshold of the alarm"
 
 

@@ -14,8 +14,8 @@ from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import check_schema, read_detections, result_threshold
-from oppload_cli.results.truths import contacts_of, find_truth
+from oppload_cli.results.reading import alarm_rows, check_schema, known_threshold, read_detections
+from oppload_cli.results.truths import contacts_of, find_truth, size_in
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -195,20 +195,12 @@ class Content:
 def _curve(result: BaseResult, name: str) -> Curve:
     detector = detector_named(name)
     response = check_numbers(result.path, result.frames, f"{name}_response")
-    threshold = result_threshold(result, name)
-    known = np.isfinite(threshold) & (threshold > 0)
-    peak = float(np.nanmax(response))
-    thresholded = bool(known.any()) and f"{name}_alarm" in result.frames.columns
-    over = np.where(known, threshold, np.nan) if thresholded else np.full(len(response), peak or 1)
-    return Curve(name, detector.label, detector.colour, response / over, thresholded)
+    threshold = known_threshold(result, name)
+    over = threshold if threshold is not None else np.nanmax(response) or 1
+    return Curve(name, detector.label, detector.colour, response / over, threshold is not None)
 
 
 def _alarms(result: BaseResult, curve: Curve, boxes: _Boxes) -> list[_AlarmSpan]:
-    column = f"{curve.name}_alarm"
-    if column not in result.frames.columns:
-        return []
-    on = check_numbers(result.path, result.frames, column) == 1
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
     times = result.frames["time_s"].to_numpy(float)
     frames = result.frames["frame"].tolist()
     return [
@@ -222,7 +214,7 @@ def _alarms(result: BaseResult, curve: Curve, boxes: _Boxes) -> list[_AlarmSpan]
             float(np.nanmax(curve.values[first:stop], initial=0.0)),
             _contact_s(times, range(first, stop), boxes),
         )
-        for first, stop in edges.reshape(-1, 2).tolist()
+        for first, stop in alarm_rows(result, curve.name)
     ]
 
 
@@ -272,7 +264,9 @@ def _truth(result: BaseResult) -> dict[str, Any] | None:
     by_frame = {int(each["frame"]): each for each in truth["frames"]}
     frames = [by_frame.get(int(frame)) for frame in result.frames["frame"]]
     names = dict.fromkeys(obj["id"] for each in frames if each for obj in each["objects"])
-    sizes = {name: [_true_size(each, name) for each in frames] for name in names}
+    sizes = {
+        name: [_short(size_in(each, name)) if each else None for each in frames] for name in names
+    }
     return {
         "sizes": {
             str(name): each for name, each in sizes.items() if any(s is not None for s in each)
@@ -280,12 +274,6 @@ def _truth(result: BaseResult) -> dict[str, Any] | None:
         "looming": [bool(each and each["looming"]) for each in frames],
         "contacts": contacts_of(truth),
     }
-
-
-def _true_size(frame: dict[str, Any] | None, name: str) -> Any:
-    objects = frame["objects"] if frame else ()
-    found = next((each for each in objects if each["id"] == name and each["visible"]), None)
-    return None if found is None else _short(found["angular_size_deg"])
 
 
 def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:

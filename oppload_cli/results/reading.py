@@ -408,6 +408,25 @@ def result_threshold(result: BaseResult, name: str) -> NDArray[np.float64]:
     return threshold
 
 
+def known_threshold(result: BaseResult, name: str) -> NDArray[np.float64] | None:
+    """Return :func:`result_threshold` with NaN in place of 0; None if the alarms were off."""
+    if f"{name}_alarm" not in result.frames.columns:
+        return None
+    threshold = result_threshold(result, name)
+    known = np.isfinite(threshold) & (threshold > 0)
+    return np.where(known, threshold, np.nan) if known.any() else None
+
+
+def alarm_rows(result: BaseResult, name: str) -> list[tuple[int, int]]:
+    """Return the first row of each alarm of a detector, and the row after its last one."""
+    column = f"{name}_alarm"
+    if column not in result.frames.columns:
+        return []
+    on = check_numbers(result.path, result.frames, column) == 1
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
+    return [(first, stop) for first, stop in edges.reshape(-1, 2).tolist()]
+
+
 def check_schema(result: BaseResult) -> None:
     """Raise a ResultError if the sidecar of a result has another schema than `SCHEMA`."""
     schema = result.sidecar.get("schema", SCHEMA)

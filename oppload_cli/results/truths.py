@@ -109,6 +109,12 @@ def contacts_of(truth: Mapping[str, Any]) -> list[float]:
     return [stated, *(each for each in contacts.values() if abs(each - stated) > _SAME_S)]
 
 
+def size_in(frame: Mapping[str, Any], name: str) -> float | None:
+    """Return the angular size of an object in a frame, in degrees; None if it is not visible."""
+    found = next((each for each in frame["objects"] if each["id"] == name), None)
+    return found["angular_size_deg"] if found and found["visible"] else None
+
+
 def truth_fault(result: BaseResult) -> str:
     """Return a sentence if a ground truth exists that cannot be used, else an empty text."""
     error = result.part("stimulus").get("error")
