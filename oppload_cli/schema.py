@@ -27,13 +27,25 @@ _WORDS = {
     bool: "true or false",
     Fraction: "number or fraction",
 }
+# Units by the end of a value's name; the first end that fits counts.
+_UNITS = {
+    "_deg_s": "deg/s",
+    "_m_s2": "m/s2",
+    "_m_s": "m/s",
+    "_per_s": "1/s",
+    "_deg": "deg",
+    "_hz": "Hz",
+    "_ms": "ms",
+    "_m": "m",
+    "_s": "s",
+}
 
 
 def parameter(
     default: Any,
     meaning: str,
     *,
-    unit: str = "",
+    unit: str | None = None,
     low: float | None = None,
     above: float | None = None,
     high: float | None = None,
@@ -50,8 +62,9 @@ def parameter(
         another quantity, such as the working size.
     meaning : str
         One line for the user.
-    unit : str
-        Unit of the value, empty for a pure number.
+    unit : str or None
+        Unit of the value, empty for a pure number; None for the unit at the end of the name, such
+        as s in ``light_s``, or else none.
     low, above, high : float or None
         Bounds of each number in the value: at least `low`, more than `above`, at most `high`.
     choices : tuple
@@ -155,16 +168,20 @@ class Table:
     def declared(cls) -> tuple[Parameter, ...]:
         """Return the descriptions of all values, in the order of their declaration."""
         hints = typing.get_type_hints(cls)
+        declared = []
         for each in fields(cls):
             if not each.metadata:
                 raise cls._error(
                     f"{cls.__name__}.{each.name} is declared without a meaning; write "
                     f"{each.name}: ... = parameter(default, meaning)"
                 )
-        return tuple(
-            Parameter(each.name, *_without_none(hints[each.name]), each.default, **each.metadata)
-            for each in fields(cls)
-        )
+            facts = dict(each.metadata)
+            if facts["unit"] is None:
+                ends = (unit for end, unit in _UNITS.items() if each.name.endswith(end))
+                facts["unit"] = next(ends, "")
+            kind = _without_none(hints[each.name])
+            declared.append(Parameter(each.name, *kind, each.default, **facts))
+        return tuple(declared)
 
     @classmethod
     @cache

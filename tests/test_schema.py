@@ -114,6 +114,20 @@ def test_what_a_value_may_be_in_words() -> None:
         Bounded(seed=2**32)
 
 
+def test_the_unit_of_a_value_is_that_at_the_end_of_its_name() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Units(Table):
+        speed_deg_s: float = parameter(0.0, "longest end first")
+        speed_m_s: float = parameter(0.0, "not s, nor m")
+        zoom_per_s: float = parameter(0.0, "a rate")
+        sigma_s: float = parameter(1.0, "a pure number by its own declaration", unit="")
+        sigma_m: float = parameter(1.0, "another unit", unit="px")
+        gain: float = parameter(1.0, "no unit")
+
+    units = [each.unit for each in Units.declared()]
+    assert units == ["deg/s", "m/s", "1/s", "", "px", ""]
+
+
 def test_every_declaration_is_described() -> None:
     gain, cell = SomeParams.declared()
     assert (gain.name, gain.words, gain.optional, gain.unit, gain.low) == (

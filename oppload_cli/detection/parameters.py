@@ -49,7 +49,6 @@ class AlarmParams(Parameters):
     background_s: float = parameter(
         4.0,
         "length of the background, which ends guard_s before the latest frame",
-        unit="s",
         low=0.1,
         high=3600,
     )
@@ -239,7 +238,7 @@ class PlaceParams(Parameters):
     most: int = parameter(5, "most objects in a frame", unit="objects", low=1, high=100)
     gap_s: float = _seconds(0.2, "time for which an object keeps its number without being seen")
     memory_s: float = parameter(
-        0.4, "time over which the growth of an object is measured", unit="s", low=0.01, high=60
+        0.4, "time over which the growth of an object is measured", low=0.01, high=60
     )
     least_frames: int = parameter(
         4,

@@ -52,7 +52,7 @@ class OpplodParams(DpcParams):
         0.25, "suppression by all motion in the field (normalisation)", low=0, high=1000
     )
     suppression_s: float = parameter(
-        0.15, "time constant of suppression; 0: it acts at once", unit="s", low=0, high=60
+        0.15, "time constant of suppression; 0: it acts at once", low=0, high=60
     )
     half_saturation: float = parameter(
         1e-3, "excitation at which an arm without suppression responds by half", low=1e-12, high=1e9
@@ -62,7 +62,7 @@ class OpplodParams(DpcParams):
         1.5, "exponent of that part of the arms' sum that is above the threshold", low=0.1, high=10
     )
     calcium_s: float = parameter(
-        0.0, "time constant of the calcium signal; 0: no calcium signal", unit="s", low=0, high=60
+        0.0, "time constant of the calcium signal; 0: no calcium signal", low=0, high=60
     )
 
     # Parameters of all judgements, or of those that they name
@@ -158,22 +158,16 @@ class OpplodParams(DpcParams):
     adaptation_s: float = parameter(
         4.0,
         "length of the background of R, which ends adaptation_guard_s before the latest frame",
-        unit="s",
         low=0.1,
         high=60,
     )
     adaptation_guard_s: float = parameter(
-        0.25,
-        "time before the latest frame that the background of R leaves out",
-        unit="s",
-        low=0,
-        high=60,
+        0.25, "time before the latest frame that the background of R leaves out", low=0, high=60
     )
     light_s: float = parameter(
         4.0,
         "time constant with which a lasting change of the light passes; faster changes, by lamps "
         "or by the camera's exposure, are removed; 0: no change is removed",
-        unit="s",
         low=0,
         high=60,
     )

@@ -49,7 +49,6 @@ class RepeatParams(Parameters):
     longest_s: float = parameter(
         0.18,
         "longest time for which one picture is repeated; if it lasts longer the scene is at rest",
-        unit="s",
         low=0,
         high=10,
     )

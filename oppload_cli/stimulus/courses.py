@@ -34,14 +34,11 @@ class Course(Table):
         "straight: as start_m and velocity_m_s say",
         choices=(*_TOWARDS, "crossing", "overtaking", "receding", "hovering", "straight"),
     )
-    speed_m_s: float | None = parameter(
-        None, "speed", unit="m/s", above=0, high=1000, needed_by=_MOVING
-    )
+    speed_m_s: float | None = parameter(None, "speed", above=0, high=1000, needed_by=_MOVING)
     contact_s: float | None = parameter(
         None,
         "when it is at the camera (collision, near-miss, overtaking) or in the middle of its way "
         "(crossing), if it does not brake; default: the end of its motion",
-        unit="s",
         above=0,
         high=3600,
         kinds=(*_TOWARDS, "crossing", "overtaking"),
@@ -50,7 +47,6 @@ class Course(Table):
         None,
         "distance of its start (receding), of its place (hovering) or of the middle of its way "
         "(crossing)",
-        unit="m",
         above=0,
         high=10_000,
         needed_by=_FROM,
@@ -59,7 +55,6 @@ class Course(Table):
         (0.0, 0.0),
         "direction [right, up] from which it comes, in which it recedes or hovers, or in which "
         "the middle of its way lies",
-        unit="deg",
         low=-85,
         high=85,
         kinds=(*_TOWARDS, *_FROM),
@@ -77,19 +72,14 @@ class Course(Table):
         choices=tuple(_SIDES),
         kinds=_PASSING,
     )
-    braking_m_s2: float = parameter(
-        0.0, "deceleration, until it stands still", unit="m/s2", low=0, high=1000
-    )
+    braking_m_s2: float = parameter(0.0, "deceleration, until it stands still", low=0, high=1000)
     sway_m: float = parameter(
-        0.0, "how far it sways to each side", unit="m", low=0, high=1000, kinds=("hovering",)
+        0.0, "how far it sways to each side", low=0, high=1000, kinds=("hovering",)
     )
-    sway_hz: float = parameter(
-        0.5, "how often it sways", unit="Hz", above=0, high=100, kinds=("hovering",)
-    )
+    sway_hz: float = parameter(0.5, "how often it sways", above=0, high=100, kinds=("hovering",))
     start_m: tuple[float, float, float] | None = parameter(
         None,
         "position [right, up, ahead] at the start",
-        unit="m",
         low=-10_000,
         high=10_000,
         needed_by=("straight",),
@@ -97,7 +87,6 @@ class Course(Table):
     velocity_m_s: tuple[float, float, float] | None = parameter(
         None,
         "velocity [right, up, ahead]; negative ahead: it comes nearer",
-        unit="m/s",
         low=-1000,
         high=1000,
         needed_by=("straight",),

@@ -26,31 +26,21 @@ _TEXTURED = ("texture", "patch")
 class Motion(Table):
     """How a shape, a pattern or the complete scene moves."""
 
-    speed_deg_s: float = parameter(0.0, "speed", unit="deg/s", low=0, high=100_000)
-    direction_deg: float | None = parameter(
-        None, "direction of the movement; default: the axis", unit="deg"
-    )
+    speed_deg_s: float = parameter(0.0, "speed", low=0, high=100_000)
+    direction_deg: float | None = parameter(None, "direction of the movement; default: the axis")
     rotation_deg_s: float = parameter(
-        0.0, "speed of turning, counter-clockwise", unit="deg/s", low=-100_000, high=100_000
+        0.0, "speed of turning, counter-clockwise", low=-100_000, high=100_000
     )
     zoom_per_s: float = parameter(
-        0.0,
-        "growth rate of a pattern's scale: exp(zoom_per_s t); patterns only",
-        unit="1/s",
-        low=-20,
-        high=20,
+        0.0, "growth rate of a pattern's scale: exp(zoom_per_s t); patterns only", low=-20, high=20
     )
-    shake_deg: float = parameter(
-        0.0, "RMS distance of a shake from its middle", unit="deg", low=0, high=90
-    )
-    shake_hz: float = parameter(4.0, "middle frequency of the shake", unit="Hz", above=0, high=500)
+    shake_deg: float = parameter(0.0, "RMS distance of a shake from its middle", low=0, high=90)
+    shake_hz: float = parameter(4.0, "middle frequency of the shake", above=0, high=500)
     path_deg: tuple[tuple[float, float], ...] = parameter(
-        (),
-        "points [right, up] of a path, added to centre_deg, joined by straight lines",
-        unit="deg",
+        (), "points [right, up] of a path, added to centre_deg, joined by straight lines"
     )
     path_s: tuple[float, ...] = parameter(
-        (), "when each point is reached, from the start of the motion", unit="s", low=0, high=3600
+        (), "when each point is reached, from the start of the motion", low=0, high=3600
     )
 
     def __post_init__(self) -> None:
@@ -70,17 +60,11 @@ class Growth(Table):
         choices=("edge-speed", "approach", "steps"),
     )
     speed_deg_s: float | None = parameter(
-        None,
-        "speed of each moving edge",
-        unit="deg/s",
-        above=0,
-        high=100_000,
-        needed_by=("edge-speed",),
+        None, "speed of each moving edge", above=0, high=100_000, needed_by=("edge-speed",)
     )
     end_deg: float | None = parameter(
         None,
         "size to grow (or shrink) to, then held; without it the shape grows until the motion ends",
-        unit="deg",
         low=0,
         high=360,
         kinds=("edge-speed",),
@@ -94,7 +78,6 @@ class Growth(Table):
     l_over_v_ms: float | None = parameter(
         None,
         "half size over approach speed: size = 2 atan((l/v) / (contact - t))",
-        unit="ms",
         above=0,
         high=1e6,
         needed_by=("approach",),
@@ -102,7 +85,6 @@ class Growth(Table):
     contact_s: float | None = parameter(
         None,
         "time of contact, in seconds of the clip; default: the end of the motion",
-        unit="s",
         low=0,
         high=10_000,
         kinds=("approach",),
@@ -110,7 +92,6 @@ class Growth(Table):
     least_deg: float = parameter(
         0.0,
         "smallest size shown; a smaller size is shown as this one, and times stay the same",
-        unit="deg",
         low=0,
         high=180,
         kinds=("approach",),
@@ -118,21 +99,15 @@ class Growth(Table):
     most_deg: float = parameter(
         180.0,
         "largest size shown; a larger size is shown as this one, and times stay the same",
-        unit="deg",
         above=0,
         high=180,
         kinds=("approach",),
     )
     sizes_deg: tuple[float, ...] = parameter(
-        (), "sizes to step to", unit="deg", low=0, high=360, kinds=("steps",)
+        (), "sizes to step to", low=0, high=360, kinds=("steps",)
     )
     times_s: tuple[float, ...] = parameter(
-        (),
-        "when the size steps, from the start of the motion",
-        unit="s",
-        low=0,
-        high=3600,
-        kinds=("steps",),
+        (), "when the size steps, from the start of the motion", low=0, high=3600, kinds=("steps",)
     )
 
     def __post_init__(self) -> None:
@@ -153,17 +128,16 @@ class Brightness(Table):
         choices=("step", "ramp", "flicker"),
     )
     to: float = parameter(REQUIRED, "luminance to which it changes", low=0, high=1)
-    start_s: float = parameter(0.0, "when the change starts", unit="s", low=0, high=3600)
+    start_s: float = parameter(0.0, "when the change starts", low=0, high=3600)
     duration_s: float | None = parameter(
         None,
         "duration of the ramp; default: the rest of the motion",
-        unit="s",
         above=0,
         high=3600,
         kinds=("ramp",),
     )
     frequency_hz: float | None = parameter(
-        None, "cycles per second", unit="Hz", above=0, high=5000, needed_by=("flicker",)
+        None, "cycles per second", above=0, high=5000, needed_by=("flicker",)
     )
     waveform: str = parameter(
         "square", "square or sine", choices=("square", "sine"), kinds=("flicker",)
@@ -183,7 +157,6 @@ class Object(Table):
         None,
         "diameter (disk, ring, patch), side (square), length along the axis (bar, cross); "
         "of a pattern the diameter of a round aperture, which stays while the pattern moves",
-        unit="deg",
         low=0,
         high=360,
         kinds=(*SIZED, *FIELDS),
@@ -191,32 +164,25 @@ class Object(Table):
     width_deg: float | None = parameter(
         None,
         "size across the axis (bar), width of the arms (cross), thickness (ring)",
-        unit="deg",
         above=0,
         high=360,
         needed_by=("bar", "cross", "ring"),
     )
     axis_deg: float = parameter(
-        0.0, "orientation: the line along which a bar grows, an edge or a grating moves", unit="deg"
+        0.0, "orientation: the line along which a bar grows, an edge or a grating moves"
     )
     centre_deg: tuple[float, float] = parameter(
         (0.0, 0.0),
         "position [right, up] at the start; of an edge a point on it",
-        unit="deg",
         low=-360,
         high=360,
     )
     onset_s: float = parameter(
-        0.0,
-        "delay from the end of the pause to the start of its motion",
-        unit="s",
-        low=0,
-        high=3600,
+        0.0, "delay from the end of the pause to the start of its motion", low=0, high=3600
     )
     duration_s: float | None = parameter(
         None,
         "duration of its motion; default: until the end of the clip's motion",
-        unit="s",
         above=0,
         high=3600,
     )
@@ -238,13 +204,11 @@ class Object(Table):
         kinds=(*_PATTERNS, "patch"),
     )
     period_deg: float | None = parameter(
-        None, "length of a cycle", unit="deg", low=0.001, high=360, needed_by=GRATINGS
+        None, "length of a cycle", low=0.001, high=360, needed_by=GRATINGS
     )
-    phase_deg: float = parameter(
-        0.0, "phase at the centre, 360 to a cycle", unit="deg", kinds=GRATINGS
-    )
+    phase_deg: float = parameter(0.0, "phase at the centre, 360 to a cycle", kinds=GRATINGS)
     plaid_deg: float = parameter(
-        90.0, "angle between the two gratings", unit="deg", above=0, high=180, kinds=("plaid",)
+        90.0, "angle between the two gratings", above=0, high=180, kinds=("plaid",)
     )
     exponent: float = parameter(
         1.0, "amplitude of the texture falls as 1/f to this power", low=0, high=4, kinds=_TEXTURED
@@ -252,13 +216,12 @@ class Object(Table):
     finest_deg: float | None = parameter(
         None,
         "shortest wavelength in the texture; default: 4 px (patch: an eighth of its size)",
-        unit="deg",
         low=0.001,
         high=360,
         kinds=("texture",),
     )
     dot_deg: float | None = parameter(
-        None, "diameter of a dot", unit="deg", low=0.001, high=90, needed_by=("dots",)
+        None, "diameter of a dot", low=0.001, high=90, needed_by=("dots",)
     )
     dots_per_100deg2: float | None = parameter(
         None, "number of dots in 100 square degrees", above=0, high=10_000, needed_by=("dots",)
@@ -277,7 +240,7 @@ class Object(Table):
         None, "drawn by the package; give this or file", choices=DRAWINGS, kinds=(PICTURE,)
     )
     size_m: float | None = parameter(
-        None, "longer side of the opaque part", unit="m", above=0, high=1000, needed_by=(PICTURE,)
+        None, "longer side of the opaque part", above=0, high=1000, needed_by=(PICTURE,)
     )
     relative_luminance: float | None = parameter(
         None,

@@ -46,11 +46,7 @@ class Display(Table):
         high=10_000,
     )
     field_of_view_deg: float | None = parameter(
-        None,
-        "angle that the width spans; give this or pixels_per_degree",
-        unit="deg",
-        low=0.001,
-        high=360,
+        None, "angle that the width spans; give this or pixels_per_degree", low=0.001, high=360
     )
     projection: str = parameter(
         "flat",
@@ -84,9 +80,9 @@ class Display(Table):
 class Timing(Table):
     """The durations of the clip: a pause, the motion, a pause."""
 
-    before_s: float = parameter(0.0, "pause before the motion", unit="s", low=0, high=3600)
-    motion_s: float = parameter(REQUIRED, "duration of the motion", unit="s", above=0, high=3600)
-    after_s: float = parameter(0.0, "pause after the motion", unit="s", low=0, high=3600)
+    before_s: float = parameter(0.0, "pause before the motion", low=0, high=3600)
+    motion_s: float = parameter(REQUIRED, "duration of the motion", above=0, high=3600)
+    after_s: float = parameter(0.0, "pause after the motion", low=0, high=3600)
 
     @property
     def end_s(self) -> float:
@@ -107,24 +103,19 @@ class Timing(Table):
 class Camera(Table):
     """The camera of a staged scene: it looks straight ahead and moves while the motion lasts."""
 
-    height_m: float = parameter(1.5, "height above the ground", unit="m", above=0, high=10_000)
-    forward_m_s: float = parameter(
-        0.0, "speed ahead, over the ground", unit="m/s", low=0, high=1000
-    )
+    height_m: float = parameter(1.5, "height above the ground", above=0, high=10_000)
+    forward_m_s: float = parameter(0.0, "speed ahead, over the ground", low=0, high=1000)
     pan_deg_s: float = parameter(
-        0.0, "speed of turning to the right (negative: left)", unit="deg/s", low=-1000, high=1000
+        0.0, "speed of turning to the right (negative: left)", low=-1000, high=1000
     )
     start_deg: float = parameter(
-        0.0, "direction at the start, to the right of ahead", unit="deg", low=-60, high=60
+        0.0, "direction at the start, to the right of ahead", low=-60, high=60
     )
-    shake_deg: float = parameter(
-        0.0, "RMS angle of a shake from its middle", unit="deg", low=0, high=45
-    )
-    shake_hz: float = parameter(4.0, "middle frequency of the shake", unit="Hz", above=0, high=500)
+    shake_deg: float = parameter(0.0, "RMS angle of a shake from its middle", low=0, high=45)
+    shake_hz: float = parameter(4.0, "middle frequency of the shake", above=0, high=500)
     looming_within_s: float = parameter(
         1.5,
         "time before contact from which a picture on a collision course counts as looming",
-        unit="s",
         above=0,
         high=3600,
     )
@@ -140,10 +131,10 @@ class Scene(Table):
     """A shift and a turn of all objects together, their common motion, and the background."""
 
     centre_deg: tuple[float, float] = parameter(
-        (0.0, 0.0), "shift [right, up] of the complete scene", unit="deg", low=-360, high=360
+        (0.0, 0.0), "shift [right, up] of the complete scene", low=-360, high=360
     )
     rotation_deg: float = parameter(
-        0.0, "turn of the complete scene about its middle, counter-clockwise", unit="deg"
+        0.0, "turn of the complete scene about its middle, counter-clockwise"
     )
     motion: Motion | None = parameter(
         None, "common motion of all objects; the apertures of patterns stay"
@@ -154,7 +145,7 @@ class Scene(Table):
         "the luminance display.background",
     )
     background_start_s: float | None = parameter(
-        None, "time of the video at which it starts; default 0", unit="s", low=0, high=1e6
+        None, "time of the video at which it starts; default 0", low=0, high=1e6
     )
     background_end: str | None = parameter(
         None,
@@ -174,7 +165,7 @@ class Scene(Table):
         choices=("same", "own"),
     )
     cut_s: float | None = parameter(
-        None, "time at which drawn surroundings change to others", unit="s", above=0, high=3600
+        None, "time at which drawn surroundings change to others", above=0, high=3600
     )
 
     def __post_init__(self) -> None:

@@ -217,7 +217,7 @@ class _Motion:
 class HuaFixedParams(Parameters):
     """Parameters of the model after Hua et al."""
 
-    low_pass_ms: float = parameter(_LOW_PASS_MS, "time constant of the delay", unit="ms", low=0)
+    low_pass_ms: float = parameter(_LOW_PASS_MS, "time constant of the delay", low=0)
 
 
 @dataclass(frozen=True, kw_only=True)
