@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ExitCode, ParameterError, printable
 from oppload_cli.files.reading import content_of, fault_of_stem, reading
-from oppload_cli.files.tables import open_table
+from oppload_cli.files.tables import open_csv
 from oppload_cli.processes.threads import Call
 from oppload_cli.results.alarms import ALARM_COLUMNS, MOST_IN_A_LINE, in_words, label_of
 from oppload_cli.results.table import TABLE
@@ -374,7 +374,7 @@ def write_failures(path: Path, failures: Iterable[Failure]) -> None:
         with suppress(FileNotFoundError, NotADirectoryError):
             path.unlink()
         return
-    with open_table(path, dict.fromkeys(FAILURE_COLUMNS, str)) as table:
+    with open_csv(path, FAILURE_COLUMNS) as table:
         for each in rows:
             cells = (each.name, each.stem, int(each.code), printable(each.message))
             table.write(dict(zip(FAILURE_COLUMNS, cells, strict=True)))

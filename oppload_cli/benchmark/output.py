@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from oppload_cli.evaluation.detectors import label_of
 from oppload_cli.evaluation.page import number
 from oppload_cli.files.atomic import output_errors, remove, write_atomic
 from oppload_cli.files.html import embedded, rendered
-from oppload_cli.files.tables import open_table
+from oppload_cli.files.tables import finite_text, open_csv
 from oppload_cli.models.registry import detectors
 from oppload_cli.plots.style import PAGE, SHADES, image_bytes, save, styled_figure
 from oppload_cli.results.table import write_sidecar
@@ -35,30 +34,6 @@ if TYPE_CHECKING:
     from oppload_cli.files.tables import Cell
 
 _SCHEMA = "oppload.benchmark/1"
-_STIMULI: dict[str, type] = {
-    "table": str,
-    "column": str,
-    "kind": str,
-    "stimulus": str,
-    "detector": str,
-    "peak": float,
-    "peak_over_loom": float,
-    "peak_time_s": float,
-    "motion_end_s": float,
-    "alarms": int,
-    "first_alarm_s": float,
-}
-_SUMMARY: dict[str, type] = {
-    "detector": str,
-    "auc": float,
-    "looming_alarmed": int,
-    "looming": int,
-    "controls_alarmed": int,
-    "controls": int,
-    "largest_control_over_loom": float,
-    "largest_control": str,
-    "cost_ms": float,
-}
 _DOTS = "dots: alarm, half a dot: for some stimuli"
 _LEAST, _MOST = 1e-3, 10.0  # widest range of the shades, in responses to the looming disk
 _ROWS_FOR_LABEL = 6  # from this number of rows on, the colour bar is high enough for its long label
@@ -223,14 +198,11 @@ def write_benchmark(
         with output_errors(folder / name):
             remove(folder / name)
     summaries = {name: benchmark.summary(name) for name in benchmark.names}
-    summary_rows = ({"detector": name, **each._asdict()} for name, each in summaries.items())
-    for name, columns, rows in (
-        ("stimuli.csv", _STIMULI, _rows(benchmark)),
-        ("summary.csv", _SUMMARY, summary_rows),
-    ):
-        with open_table(folder / name, columns) as table:
-            for row in rows:
-                table.write({key: _known(value) for key, value in row.items()})
+    rows = [{"detector": name, **each._asdict()} for name, each in summaries.items()]
+    for name, of_table in (("stimuli.csv", list(_rows(benchmark))), ("summary.csv", rows)):
+        with open_csv(folder / name, of_table[0], cell=finite_text) as table:
+            for row in of_table:
+                table.write(row)
         yield folder / name
     pictures = {}
     for each in benchmark.tables:
@@ -254,15 +226,14 @@ def _rows(benchmark: Benchmark) -> Iterator[dict[str, Cell]]:
                 "column": each.column.label,
                 "kind": each.column.kind,
                 "stimulus": each.stimulus,
-                "motion_end_s": each.motion_end_s,
+                "detector": found.detector,
+                "peak": found.peak,
                 "peak_over_loom": benchmark.over_loom(found.detector, found.peak or 0.0),
-                **asdict(found),
+                "peak_time_s": found.peak_time_s,
+                "motion_end_s": each.motion_end_s,
                 "alarms": found.alarms if benchmark.alarms_on[found.detector] else None,
+                "first_alarm_s": found.first_alarm_s,
             }
-
-
-def _known(value: Cell) -> Cell:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _drawn(benchmark: Benchmark, table: Table) -> Figure:

@@ -10,12 +10,12 @@ from oppload_cli.environment import environment
 from oppload_cli.evaluation.detectors import label_of
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, HELD_OUT, RATES, SHIPPED, SILENCE_S
 from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S
-from oppload_cli.evaluation.metrics.intervals import LEVEL, RULE_OF_THREE, SEED
+from oppload_cli.evaluation.metrics.intervals import LEVEL, RULE_OF_THREE, SEED, Measurement
 from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
 from oppload_cli.evaluation.page import NO_VALUE, number, page_of
 from oppload_cli.evaluation.plots import PLOTS, figure_of
 from oppload_cli.files.atomic import PartFile, output_errors, remove, write_atomic
-from oppload_cli.files.tables import open_table
+from oppload_cli.files.tables import open_csv, plain_text
 from oppload_cli.models.detector import Box
 from oppload_cli.plots.style import image_bytes
 
@@ -25,42 +25,22 @@ if TYPE_CHECKING:
 
     from oppload_cli.evaluation.evaluate import Evaluation
     from oppload_cli.evaluation.metrics.clips import Clip, Window
-    from oppload_cli.evaluation.metrics.intervals import Measurement
     from oppload_cli.files.tables import Cell
 
 
 _SCHEMA = "oppload.evaluation/1"
 _DPI = 160  # of the plots
 # The files name the column of detectors "contender", on which users' programs depend.
-_COLUMNS: dict[str, dict[str, type]] = {
-    "evaluation.csv": {
-        "contender": str,
-        "measure": str,
-        "condition": str,
-        "value": float,
-        "low": float,
-        "high": float,
-        "n": int,
-    },
-    "responses.csv": {
-        "clip": str,
-        "frame": int,
-        "time_s": float,
-        "contender": str,
-        "response": float,
-        "alarm": bool,
-        **dict.fromkeys(Box._fields, float),
-        "evidence": float,
-    },
-    "windows.csv": {
-        "clip": str,
-        "use": str,
-        "frames_before_contact": int,
-        "first_frame": int,
-        "last_frame": int,
-        "contender": str,
-        "score": float,
-    },
+_COLUMNS = {
+    "evaluation.csv": ("contender", *Measurement._fields[1:]),
+    "responses.csv": (
+        *("clip", "frame", "time_s", "contender", "response", "alarm"),
+        *(*Box._fields, "evidence"),
+    ),
+    "windows.csv": (
+        *("clip", "use", "frames_before_contact", "first_frame", "last_frame", "contender"),
+        "score",
+    ),
 }
 FILES = (*_COLUMNS, *PLOTS, "report.json", "evaluation.html")
 
@@ -96,9 +76,9 @@ def write_evaluation(
             remove(folder / name)
     rows = map(_row, evaluation.measurements), _responses(evaluation), _windows(evaluation)
     for (name, columns), of_table in zip(_COLUMNS.items(), rows, strict=True):
-        with open_table(folder / name, columns) as table:
+        with open_csv(folder / name, columns, cell=_cell) as table:
             for row in of_table:
-                table.write({key: _known(value) for key, value in row.items()})
+                table.write(row)
         yield folder / name
     for name, png in plots.items():
         write_atomic(folder / name, png)
@@ -237,8 +217,8 @@ def _uses(clip: Clip) -> Iterator[tuple[str, int | None, Window]]:
                 yield "earlier", frames, window
 
 
-def _known(value: Cell) -> Cell:
-    return None if isinstance(value, float) and math.isnan(value) else value
+def _cell(value: Cell) -> str:
+    return "" if isinstance(value, float) and math.isnan(value) else plain_text(value)
 
 
 def report_of(evaluation: Evaluation) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import time
 from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any, Self
@@ -27,6 +28,16 @@ def formatted(value: Cell) -> str:
     if isinstance(value, str):
         return value
     return "" if value is None else f"{value:.9g}" if isinstance(value, float) else str(int(value))
+
+
+def plain_text(value: Cell) -> str:
+    """Return the text of a cell like `formatted`, but ``true`` or ``false`` for a truth value."""
+    return str(value).lower() if isinstance(value, bool) else formatted(value)
+
+
+def finite_text(value: Cell) -> str:
+    """Return the text of a cell; empty for NaN and infinity."""
+    return "" if isinstance(value, float) and not math.isfinite(value) else plain_text(value)
 
 
 class _PlainEnds:
@@ -81,10 +92,27 @@ def csv_text(
 
 
 @contextmanager
+def open_csv(
+    path: Path,
+    columns: Iterable[str],
+    *,
+    new: bool = False,
+    cell: Callable[[Any], str] = plain_text,
+) -> Iterator[Table]:
+    """Open a CSV table for writing; the file appears when it is complete, or not at all.
+
+    With `new`, an existing file of this name is an error; `columns` and `cell` are those of
+    `Table`. Raises OutputError if the file cannot be written.
+    """
+    with PartFile(path, new=new) as file:
+        yield Table(file.stream, columns, cell)
+
+
+@contextmanager
 def open_table(
     path: Path, columns: Mapping[str, type], *, new: bool = False
 ) -> Iterator[Table | _Parquet]:
-    """Open a table for writing; the file appears when it is complete, or not at all.
+    """Open a table for writing like `open_csv`, as CSV or as Parquet.
 
     Parameters
     ----------
@@ -105,16 +133,16 @@ def open_table(
     OutputError
         If the file cannot be written, pyarrow is missing, or the suffix is another one.
     """
-    suffix = path.suffix.lower()
-    if suffix not in {".csv", ".parquet"}:
-        raise OutputError(f"{path}: is neither .csv nor .parquet; choose one for --output")
-    arrow = _pyarrow(path) if suffix == ".parquet" else None
-    with PartFile(path, new=new) as file:
-        if arrow is None:
-            yield Table(file.stream, columns, _text)
-        else:
-            with _Parquet(arrow, file, columns) as table:
+    match path.suffix.lower():
+        case ".csv":
+            with open_csv(path, columns, new=new) as table:
                 yield table
+        case ".parquet":
+            arrow = _pyarrow(path)
+            with PartFile(path, new=new) as file, _Parquet(arrow, file, columns) as parquet:
+                yield parquet
+        case _:
+            raise OutputError(f"{path}: is neither .csv nor .parquet; choose one for --output")
 
 
 def rows_in(path: Path) -> int:
@@ -137,12 +165,6 @@ def typed(value: Cell, kind: type) -> Cell:
     if isinstance(result, int) and not -(2**63) <= result < 2**63:
         raise ValueError("more than 64 bits")  # Parquet and most readers take 64
     return result
-
-
-def _text(value: Cell) -> str:
-    if isinstance(value, str):
-        return value
-    return str(value).lower() if isinstance(value, bool) else formatted(value)
 
 
 def _pyarrow(path: Path) -> Any:

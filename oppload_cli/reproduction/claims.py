@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.environment import environment
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.html import embedded, rendered
-from oppload_cli.files.tables import csv_text, formatted
+from oppload_cli.files.tables import csv_text, finite_text
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.settings import resolve
@@ -141,7 +141,7 @@ class Built:
 
     def table(self) -> str:
         """Return the rows as CSV."""
-        return csv_text(self.rows, self.rows[0], _cell)
+        return csv_text(self.rows, self.rows[0], finite_text)
 
     def files(self, form: str) -> dict[str, str | bytes]:
         """Return the figure in a format, and its table, by file name."""
@@ -175,11 +175,6 @@ class Built:
             ],
             "notes": list(self.notes),
         }
-
-
-def _cell(value: Any) -> str:
-    """Return the text of a value in a table; empty for NaN and infinity."""
-    return "" if isinstance(value, float) and not math.isfinite(value) else formatted(value)
 
 
 def hardly(

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import printable
-from oppload_cli.files.tables import open_table
+from oppload_cli.files.tables import open_csv
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_named, known_names
 
@@ -17,16 +17,10 @@ if TYPE_CHECKING:
 
     from oppload_cli.results.table import FrameRecord
 
-ALARM_COLUMNS: dict[str, type] = {  # of alarms.csv
-    "video": str,
-    "model": str,
-    "start_frame": int,
-    "start_s": float,
-    "end_s": float,
-    "peak_over_threshold": float,
-    **dict.fromkeys(Box._fields, float),
-    "time_to_contact_s": float,
-}
+ALARM_COLUMNS = (  # of alarms.csv
+    *("video", "model", "start_frame", "start_s", "end_s", "peak_over_threshold"),
+    *(*Box._fields, "time_to_contact_s"),
+)
 
 
 @dataclass
@@ -224,7 +218,7 @@ def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
     with the inputs that failed, adds to the file. Raises OutputError if it cannot be written.
     """
     names = set(map(printable, found))
-    with open_table(path, ALARM_COLUMNS) as table:  # first: two batches may end at the same time
+    with open_csv(path, ALARM_COLUMNS) as table:  # first: two batches may end at the same time
         rows = [row for row in _rows_in(path) if row["video"] not in names]
         for video, verdicts in found.items():
             rows += [_row(video, each.model, alarm) for each in verdicts for alarm in each.alarms]
