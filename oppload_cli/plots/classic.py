@@ -161,7 +161,7 @@ def _single(request: Request, curves: Sequence[TuningCurve]) -> Iterator[tuple[F
     few = len(curves) <= FEW
     lines = sum(1 + curve.label.count("\n") for curve in curves)
     height = 2.2 + 0.14 * lines / (1 if few else 2)
-    with styled_figure(COLUMN if few else PAGE, min(MOST_HEIGHT, height)) as figure:
+    with styled_figure(COLUMN if few else PAGE, height) as figure:
         panel = figure.subplots()
         yield figure, panel
         legend_above(figure, panel, request.title, 1 if few else 2)

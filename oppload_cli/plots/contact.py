@@ -169,7 +169,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     sized = any(sizes is not None for *_, sizes in known)
     lines = len(curves) * (2 if few else 0.5) + 8 * request.published
     height = 2.0 + 1.3 * sized + 0.14 * lines
-    with styled_figure(COLUMN if few else PAGE, min(MOST_HEIGHT, height)) as figure:
+    with styled_figure(COLUMN if few else PAGE, height) as figure:
         heights = (1.6, 1)[: 1 + sized]
         grid = figure.subplots(1 + sized, 1, squeeze=False, sharex=True, height_ratios=heights)
         axes = list(grid[:, 0])

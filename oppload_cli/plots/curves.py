@@ -330,7 +330,7 @@ def _draw_multiples(
     rows = -(-len(panels) // columns)
     scales = [options.scale_of(curves) for curves in panels]
     scale = scales[0] if len(set(scales)) == 1 else options.scale
-    with styled_figure(PAGE, min(MOST_HEIGHT, 0.6 + 1.35 * rows)) as figure:
+    with styled_figure(PAGE, 0.6 + 1.35 * rows) as figure:
         shared = scale != "raw" and len(set(scales)) == 1
         one_time = _of_like_length(panels)
         axes = panel_grid(figure, len(panels), columns, sharex=one_time, sharey=shared)
@@ -423,7 +423,7 @@ def _draw_heat(
     scale = options.scale_of(curves)
     lines = -(-len(detectors) // _MOST_MAPS)
     columns = -(-len(detectors) // lines)
-    height = min(MOST_HEIGHT, 1.2 + 0.15 * len(rows) * lines)
+    height = 1.2 + 0.15 * len(rows) * lines
     with styled_figure(PAGE, height) as figure:
         axes = panel_grid(figure, len(detectors), columns, sharex=lines > 1, sharey=True)
         ends = min(each.time[0] for each in curves), max(each.time[-1] for each in curves)

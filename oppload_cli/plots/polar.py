@@ -17,7 +17,6 @@ from oppload_cli.plots.style import (
     FAINT,
     LEGEND_WIDTH,
     LPLC2,
-    MOST_HEIGHT,
     PAGE,
     TITLE_WIDTH,
     doubts_of,
@@ -285,7 +284,7 @@ def plot_polar(
     lines = [1 + _label(curve, across, raw=raw).count("\n") for curve in curves]
     most = rows * max(lines) if raw else sum(lines)
     height = 0.1 + 0.25 * bool(title) + rows * (0.9 * width / columns + 0.45) + 0.14 * most
-    with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
+    with styled_figure(width, height) as figure:
         axes: list[Any] = panel_grid(figure, len(groups), columns, subplot_kw=_POLAR)
         for panel, group in zip(axes, groups, strict=True):
             draw_polar(panel, group, raw=raw, across=across)
@@ -299,7 +298,7 @@ def _draw_multiples(
 ) -> tuple[Figure, list[Axes]]:
     """Draw a small plot for each curve; the meaning of radius and angle is written once."""
     rows = -(-len(curves) // 4)
-    with styled_figure(PAGE, min(MOST_HEIGHT, 0.4 + 2.1 * rows)) as figure:
+    with styled_figure(PAGE, 0.4 + 2.1 * rows) as figure:
         axes: list[Any] = panel_grid(figure, len(curves), 4, subplot_kw=_POLAR)
         for panel, curve in zip(axes, curves, strict=True):
             draw_polar(panel, [curve], raw=raw)

@@ -121,9 +121,12 @@ class NotebookFigure(Figure):
 
 @contextmanager
 def styled_figure(width: float, height: float) -> Iterator[Figure]:
-    """Make an empty figure of a size in inches, and use the style for the code of the context."""
+    """Make an empty figure of a size in inches, and use the style for the code of the context.
+
+    The figure is at most as high as a page.
+    """
     with _style():
-        yield NotebookFigure(figsize=(width, height), layout=_Layout())
+        yield NotebookFigure(figsize=(width, min(MOST_HEIGHT, height)), layout=_Layout())
 
 
 def panel_grid(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:

@@ -21,7 +21,6 @@ from oppload_cli.plots.style import (
     FAINT,
     FEW,
     GREY,
-    MOST_HEIGHT,
     PAGE,
     SHADES,
     TITLE_WIDTH,
@@ -311,7 +310,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     lines = sum(1 + curve.label.count("\n") for curve in curves)
     many = not raw and len(names) > FEW
     height = 0.3 + len(groups) * 1.9 + lines * (0.09 if many else 0.13)
-    with styled_figure(PAGE if many else COLUMN, min(MOST_HEIGHT, height)) as figure:
+    with styled_figure(PAGE if many else COLUMN, height) as figure:
         axes = list(figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0])
         for panel, group in zip(axes, groups, strict=True):
             # Grey curves share their colour, so that only dashes and markers tell them apart.
@@ -374,7 +373,7 @@ def _name_small(panel: Axes, curve: TuningCurve, largest: float) -> None:
 def _small_panels(count: int, height: float, title: str) -> Iterator[tuple[Figure, list[Axes]]]:
     """Make small panels in rows of four, each `height` inches high, that share their axes."""
     rows = -(-count // _IN_A_ROW)
-    with styled_figure(PAGE, min(MOST_HEIGHT, 0.5 + height * rows)) as figure:
+    with styled_figure(PAGE, 0.5 + height * rows) as figure:
         yield figure, panel_grid(figure, count, _IN_A_ROW, sharex=True, sharey=True)
         write_title(figure, title, 2 * TITLE_WIDTH)
 
@@ -418,7 +417,7 @@ def _plot_heat(request: Request) -> tuple[Figure, list[Axes]]:
     columns, rows = (tuning.rows[name].nunique() for name in tuning.parameters)
     width = COLUMN if columns <= _NARROW else PAGE
     height = 0.2 + len(curves) * (0.75 + min(2.4, max(0.9, 0.28 * rows)))
-    with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
+    with styled_figure(width, height) as figure:
         axes = list(figure.subplots(len(curves), 1, squeeze=False)[:, 0])
         write_title(figure, request.title)
         norm = norm_of(np.concatenate([_shares(curve)[0].ravel() for curve in curves]))
