@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 
 SILENCE_S = 1.0  # crossings of the threshold with less time between them are one alarm
+_ROUNDING_S = 1e-6  # of the times of frames
 RATES = (0.5, 1.0, 2.0)  # false alarms per minute
 AT_ONE = "at 1 per minute"  # the condition under which the page compares detectors
 SHIPPED = "alarm as shipped"
@@ -179,34 +180,19 @@ def _maxima(evidence: Numbers) -> Numbers:
 
 
 def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers) -> NDArray[np.int64]:
-    """Return the number of a clip's alarms at each level."""
-    end, times = len(evidence), time_s.tolist()
-    # The frames above a level, each linked to the next one on both sides; -1 and `end` stand for
-    # the ends. The frames are taken out in the order of their evidence, from the lowest on: so the
-    # time for hours of footage does not grow with the square of their length.
-    before, after = list(range(-1, end)), list(range(1, end + 2))
+    """Return the number of a clip's alarms at each level, as `_alarms_in` counts them.
 
-    def begins(frame: int, last: int) -> bool:
-        """Tell whether a frame above the level begins an alarm, if `last` is the one before it."""
-        return frame < end and (last < 0 or _is_apart(frame - last, times[frame] - times[last]))
-
-    order = np.argsort(evidence)
-    counts = [min(end, 1)]
-    for frame in order.tolist():
-        last, following = before[frame], after[frame]
-        lost = begins(frame, last) + begins(following, frame)
-        counts.append(counts[-1] + begins(following, last) - lost)
-        before[following], after[last] = last, following
-    return np.array(counts)[np.searchsorted(evidence[order], levels, side="right")]
-
-
-def _is_apart(frames: Any, silence_s: Any) -> Any:
-    """Tell whether the second of two frames above the threshold begins another alarm.
-
-    `frames` and `silence_s` are the distance of the frames in number and in seconds: numbers, or
-    arrays of them.
+    A frame begins an alarm at each level that is below its evidence, but not below the evidence of
+    any frame before it of which it would continue the alarm.
     """
-    return (frames > 1) & (silence_s >= SILENCE_S - 1e-6)
+    begin = np.searchsorted(time_s, time_s - SILENCE_S + _ROUNDING_S, side="right")
+    begin = np.minimum(begin, np.maximum(np.arange(len(time_s)) - 1, 0))
+    before = [evidence[first:last].max(initial=-np.inf) for last, first in enumerate(begin)]
+
+    def above(values: Numbers) -> NDArray[np.int64]:
+        return len(values) - np.searchsorted(np.sort(values), levels, side="right")
+
+    return above(evidence) - above(np.minimum(evidence, before))
 
 
 def _alarms_in(above: Flags, time_s: Numbers) -> int:
@@ -217,7 +203,8 @@ def _alarms_in(above: Flags, time_s: Numbers) -> int:
     are one alarm, also if more than a second lies between them.
     """
     frames = np.flatnonzero(above)
-    return min(len(frames), 1) + int(_is_apart(np.diff(frames), np.diff(time_s[frames])).sum())
+    apart = (np.diff(frames) > 1) & (np.diff(time_s[frames]) >= SILENCE_S - _ROUNDING_S)
+    return min(len(frames), 1) + int(apart.sum())
 
 
 @dataclass(frozen=True)

@@ -101,10 +101,7 @@ def _averaged(
     return (*found, int((~np.isnan(values)).sum()))
 
 
-def _median(
-    values: Numbers, draws: Weights, owner: Weights | slice = _EACH_CLIP
-) -> tuple[float, float, float, int]:
-    return _averaged(weighted_median, values, draws, owner)
+_median = partial(_averaged, weighted_median)
 
 
 def _share(
