@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 _LIBRARY_BYTES = 150 << 20
 _ARROW_BYTES = 800 << 20  # for commands that load pandas, which loads Arrow if it is installed
 _WITH_PANDAS = {"collect", "plot", "report", "tune", "evaluate", "benchmark", "reproduce", "demo"}
-_WIDEST = 80  # characters of help
 COMMANDS = {
     "run": "run looming detectors on videos",
     "collect": "join many results into one table",
@@ -183,24 +182,12 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run a command line, by default that of the process, and exit."""
     signals.answer()
     try:
-        code = oppload.main(
-            arguments, prog_name="oppload", standalone_mode=False, terminal_width=_help_width()
-        )
+        code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
         signals.stop_if_asked()
     except BaseException as error:
         signals.ignore()  # a second Ctrl-C must not interrupt the printing of the error
         sys.exit(_failure(error))
     sys.exit(code or ExitCode.DONE)
-
-
-def _help_width() -> int:
-    """Return the width of the help, 50 to 78 characters; Click would import `shutil` for it."""
-    columns = 0
-    with suppress(ValueError):
-        columns = int(os.environ.get("COLUMNS") or 0)
-    with suppress(OSError, ValueError, AttributeError):  # no terminal, or a closed stream
-        columns = columns or os.get_terminal_size(sys.__stdout__.fileno()).columns  # type: ignore[union-attr]
-    return max(min(columns or _WIDEST, _WIDEST) - 2, 50)
 
 
 def _check_memory(command: str) -> None:
