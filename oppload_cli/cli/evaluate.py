@@ -101,13 +101,12 @@ def evaluate(
     luminance. DIR gets evaluation.html, one page with everything, report.json, the figures,
     responses and windows as CSV, and the plots.
     """
+    from oppload_cli.evaluation import detectors, stimuli
     from oppload_cli.evaluation import evaluate as evaluation
-    from oppload_cli.evaluation.detectors import evaluated_detectors
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
-    from oppload_cli.evaluation.stimuli import clips_of
 
-    detectors = evaluated_detectors(names_in(models), repeats, assignments)
-    read = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
+    chosen = detectors.evaluated_detectors(names_in(models), repeats, assignments)
+    read = stimuli.clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()
     with claimed(output / "report.json", if_exists) as claim:
@@ -115,7 +114,7 @@ def evaluate(
             say(f"oppload: {fault}")
         with progress_bar(len(read.entries), "clip", quiet=quiet) as bar:
             found = evaluation.evaluate(
-                read, detectors, jobs=jobs or cores(), draws=draws, progress=bar.update
+                read, chosen, jobs=jobs or cores(), draws=draws, progress=bar.update
             )
         for fault in found.faults[len(read.faults) :]:
             say(f"oppload: {fault}")
