@@ -16,7 +16,7 @@ from random import Random
 import pytest
 
 from tools.attack import judge
-from tools.attack.campaign import Verdict, isolate, keep, main, table
+from tools.attack.campaign import Judged, isolate, keep, main, table
 from tools.attack.families import make_case, make_material
 from tools.attack.judge import (
     Case,
@@ -189,8 +189,8 @@ def test_some_cases_of_the_attack(folder: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_the_table_counts_failures() -> None:
-    verdicts = [Verdict("names", 0, 0, 1.5, ()), Verdict("names", 1, 1, 0.5, ("exit code 1",))]
-    lines = table([*verdicts, Verdict("lists", 2, 0, 0.1, ())]).splitlines()
+    verdicts = [Judged("names", 0, 0, 1.5, ()), Judged("names", 1, 1, 0.5, ("exit code 1",))]
+    lines = table([*verdicts, Judged("lists", 2, 0, 0.1, ())]).splitlines()
     assert [line.split()[:4] for line in lines[1:]] == [
         ["names", "2", "1", "1.5"],
         ["lists", "1", "0", "0.1"],

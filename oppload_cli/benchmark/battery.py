@@ -38,7 +38,7 @@ SELECTIVITY, _POLARITY, _CONTRAST, _NOISE = "selectivity", "polarity", "contrast
 _SPEED, _SIZE, _PLACE, _BACKGROUND = "speed", "size", "place", "background"
 
 
-class Table(NamedTuple):
+class BatteryTable(NamedTuple):
     """One table of the benchmark; `axis` is the quantity in which its columns differ."""
 
     name: str
@@ -47,19 +47,21 @@ class Table(NamedTuple):
 
 
 TABLES = (
-    Table(SELECTIVITY, "Kinds of motion", "kind of motion"),
-    Table(_POLARITY, "Polarity: a dark and a bright approach", "polarity"),
-    Table(_CONTRAST, "Contrast of the approaching disk", "contrast with the ground"),
-    Table(_NOISE, "Noise over an approach", "standard deviation of the noise, share of white"),
-    Table(_SPEED, "Speed of the approach", "l/v (ms)"),
-    Table(_SIZE, "Angular size at which the approach ends", "size (deg)"),
-    Table(_PLACE, "Place of the approach", "right, up of the centre (deg)"),
-    Table(_BACKGROUND, "Motion behind the approach", "ground"),
+    BatteryTable(SELECTIVITY, "Kinds of motion", "kind of motion"),
+    BatteryTable(_POLARITY, "Polarity: a dark and a bright approach", "polarity"),
+    BatteryTable(_CONTRAST, "Contrast of the approaching disk", "contrast with the ground"),
+    BatteryTable(
+        _NOISE, "Noise over an approach", "standard deviation of the noise, share of white"
+    ),
+    BatteryTable(_SPEED, "Speed of the approach", "l/v (ms)"),
+    BatteryTable(_SIZE, "Angular size at which the approach ends", "size (deg)"),
+    BatteryTable(_PLACE, "Place of the approach", "right, up of the centre (deg)"),
+    BatteryTable(_BACKGROUND, "Motion behind the approach", "ground"),
 )
 
 
 @dataclass(frozen=True)
-class Column:
+class BatteryColumn:
     """One column of a table, with one stimulus of the catalogue or several.
 
     `table` is the name of the table, and `label` the heading of the column. `settings` has changed
@@ -78,17 +80,17 @@ class Column:
         return find(self.stimulus)[0].with_settings(self.settings).protocols()
 
 
-def _control(label: str, stimulus: str, settings: dict[str, Any] | None = None) -> Column:
-    return Column(SELECTIVITY, label, stimulus, settings or {}, CONTROL)
+def _control(label: str, stimulus: str, settings: dict[str, Any] | None = None) -> BatteryColumn:
+    return BatteryColumn(SELECTIVITY, label, stimulus, settings or {}, CONTROL)
 
 
 _DISK = {L_OVER_V: 40}
 _SMALL_DISK = {**_DISK, "disk.growth.most_deg": 40}
 _QUARTERS = [0, 45, 90, 135]
 BATTERY = (
-    Column(SELECTIVITY, "looming disk", LOOM, _DISK),
-    Column(SELECTIVITY, "looming square", "controls/looming-square"),
-    Column(SELECTIVITY, "looming patch", "controls/looming-patch"),
+    BatteryColumn(SELECTIVITY, "looming disk", LOOM, _DISK),
+    BatteryColumn(SELECTIVITY, "looming square", "controls/looming-square"),
+    BatteryColumn(SELECTIVITY, "looming patch", "controls/looming-patch"),
     _control("receding disk", "controls/receding-disk", _DISK),
     _control("receding patch", "controls/receding-patch"),
     _control("near miss", "controls/near-miss"),
@@ -111,11 +113,11 @@ BATTERY = (
     _control("dimming, brightening", "controls/luminance-ramp"),
     _control("appearing disk", "controls/appearing-disk"),
     _control("noise", "controls/static-texture", {"effects.noise": 0.05}),
-    Column(_POLARITY, "dark", LOOM, _DISK),
-    Column(_POLARITY, "bright", "klapoetke2017/loom-bright", _DISK),
-    Column(_PLACE, "0, 0", LOOM, _SMALL_DISK),
+    BatteryColumn(_POLARITY, "dark", LOOM, _DISK),
+    BatteryColumn(_POLARITY, "bright", "klapoetke2017/loom-bright", _DISK),
+    BatteryColumn(_PLACE, "0, 0", LOOM, _SMALL_DISK),
     *(
-        Column(
+        BatteryColumn(
             _CONTRAST,
             f"{contrast:g}",
             "controls/looming-contrast",
@@ -124,24 +126,24 @@ BATTERY = (
         for contrast in (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
     ),
     *(
-        Column(_NOISE, f"{noise:g}", "controls/looming-noise", {"effects.noise": noise})
+        BatteryColumn(_NOISE, f"{noise:g}", "controls/looming-noise", {"effects.noise": noise})
         for noise in (0.0, 0.02, 0.05, 0.1, 0.2)
     ),
     *(
-        Column(_SPEED, f"{ratio}", LOOM, {L_OVER_V: ratio})
+        BatteryColumn(_SPEED, f"{ratio}", LOOM, {L_OVER_V: ratio})
         for ratio in (10, 20, 40, 60, 80, 100, 140, 200)
     ),
     *(
-        Column(_SIZE, f"{size}", LOOM, {**_DISK, "disk.growth.most_deg": size})
+        BatteryColumn(_SIZE, f"{size}", LOOM, {**_DISK, "disk.growth.most_deg": size})
         for size in (10, 20, 30, 45, 60)
     ),
     *(
-        Column(_PLACE, f"{x}, {y}", LOOM, {**_SMALL_DISK, "disk.centre_deg": [x, y]})
+        BatteryColumn(_PLACE, f"{x}, {y}", LOOM, {**_SMALL_DISK, "disk.centre_deg": [x, y]})
         for x, y in ((10, 0), (20, 0), (0, 10), (-10, 0), (0, -10), (14, 14))
     ),
-    Column(_BACKGROUND, "still texture", "controls/looming-on-static-texture"),
+    BatteryColumn(_BACKGROUND, "still texture", "controls/looming-on-static-texture"),
     *(
-        Column(
+        BatteryColumn(
             _BACKGROUND,
             f"pan {speed} deg/s",
             "controls/looming-on-moving-texture",
@@ -149,12 +151,12 @@ BATTERY = (
         )
         for speed in (5, 15, 30)
     ),
-    Column(_BACKGROUND, "forward motion", "controls/looming-on-zooming-texture"),
-    Column(_BACKGROUND, "shake", "controls/looming-with-shake"),
+    BatteryColumn(_BACKGROUND, "forward motion", "controls/looming-on-zooming-texture"),
+    BatteryColumn(_BACKGROUND, "shake", "controls/looming-with-shake"),
 )
 
 
-def columns_of(tables: Sequence[str]) -> list[Column]:
+def columns_of(tables: Sequence[str]) -> list[BatteryColumn]:
     """Return the columns of the named tables; of all tables if none is named.
 
     Raises ParameterError if no table has such a name.
@@ -190,7 +192,7 @@ class Shown(NamedTuple):
     Two columns may have the same stimulus; then `key` is the same too.
     """
 
-    column: Column
+    column: BatteryColumn
     key: str
     stimulus: str
     motion_end_s: float
@@ -206,7 +208,7 @@ class _Task(NamedTuple):
 
 
 def show(
-    columns: Sequence[Column],
+    columns: Sequence[BatteryColumn],
     detectors: Sequence[EvaluatedDetector],
     folder: Path,
     *,

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from oppload_cli.benchmark.battery import Shown, Table
+    from oppload_cli.benchmark.battery import BatteryTable, Shown
     from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.evaluate import Evaluation
     from oppload_cli.files.tables import Cell
@@ -98,7 +98,7 @@ class Benchmark:
         self.loom = {name: float(self._peaks[name][first]) for name in self.names}
         self.tables = [table for table in TABLES if len(self.labels(table)) > 1]
 
-    def labels(self, table: Table) -> list[str]:
+    def labels(self, table: BatteryTable) -> list[str]:
         """Return the headings of a table's columns."""
         columns = [each.column for each in self.shown if each.column.table == table.name]
         return list(dict.fromkeys(column.label for column in columns))
@@ -112,7 +112,7 @@ class Benchmark:
             return 0.0
         return peak / self.loom[name] if self.loom[name] else math.inf
 
-    def cells(self, table: Table, label: str, name: str) -> _Cells:
+    def cells(self, table: BatteryTable, label: str, name: str) -> _Cells:
         """Return the results of one detector in the column `label` of a table."""
         part = [
             (each.column.table, each.column.label) == (table.name, label) for each in self.shown
@@ -236,7 +236,7 @@ def _rows(benchmark: Benchmark) -> Iterator[dict[str, Cell]]:
             }
 
 
-def _drawn(benchmark: Benchmark, table: Table) -> Figure:
+def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
     """Draw one table as a heat map of responses, with dots for alarms."""
     labels, names = benchmark.labels(table), benchmark.names
     cells = [[benchmark.cells(table, label, name) for label in labels] for name in names]

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import ManifestError, suggestion
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
+from oppload_cli.models.detector import Box
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from oppload_cli.evaluation.metrics.clips import Box
     from oppload_cli.stimulus.protocol import Protocol
 
 
@@ -218,8 +218,7 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
             if fault:
                 faults.append(f"{path}: {name}: {fault}")
             else:
-                left, top, width, height = map(float, box)
-                boxes[int(frame)] = left, top, width, height
+                boxes[int(frame)] = Box(*map(float, box))
         entries.append(replace(entry, label=replace(entry.label, boxes=boxes)))
     return replace(manifest, entries=entries, faults=faults)
 

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from cv2.typing import MatLike
 
     from oppload_cli.evaluation.evaluate import Evaluation
-    from oppload_cli.evaluation.metrics.clips import Box, Clip
+    from oppload_cli.evaluation.metrics.clips import Clip
+    from oppload_cli.models.detector import Box
     from oppload_cli.stimulus.protocol import Protocol
 
 

@@ -68,19 +68,19 @@ def _roc(axes: Axes, performances: Performances) -> None:
     axes.set(xlabel="false positive rate", ylabel="true positive rate", title="ROC", **_SHARES)
     axes.plot([0, 1], [0, 1], color=FAINT, lw=0.7, linestyle=":")
     for each, look in _looks(performances):
-        if each.curve is not None:
-            look["label"] += f" ({each.curve.auc:.3f})"
-            axes.plot(each.curve.false_rate, each.curve.true_rate, **look)
+        if each.curves is not None:
+            look["label"] += f" ({each.curves.auc:.3f})"
+            axes.plot(each.curves.false_rate, each.curves.true_rate, **look)
     _legend(axes)
 
 
 def _precision_recall(axes: Axes, performances: Performances) -> None:
     axes.set(xlabel="recall", ylabel="precision", title="precision and recall", **_SHARES)
     for each, look in _looks(performances):
-        if each.curve is not None:
-            look["label"] += f" ({each.curve.average_precision:.3f})"
-            rises = np.append(True, np.diff(each.curve.true_rate) > 0)
-            recall, precision = each.curve.true_rate[rises], each.curve.precision[rises]
+        if each.curves is not None:
+            look["label"] += f" ({each.curves.average_precision:.3f})"
+            rises = np.append(True, np.diff(each.curves.true_rate) > 0)
+            recall, precision = each.curves.true_rate[rises], each.curves.precision[rises]
             axes.step(recall, precision, where="pre", **look)
     _legend(axes)
 

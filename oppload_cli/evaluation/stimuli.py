@@ -13,6 +13,7 @@ from oppload_cli.errors import ManifestError, ParameterError, SourceError, Stimu
 from oppload_cli.evaluation.manifest import Entry, Manifest, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder
+from oppload_cli.models.detector import Box
 from oppload_cli.results.truths import read_truth
 from oppload_cli.stimulus.catalogue import parsed_setting
 from oppload_cli.stimulus.objects import PICTURE
@@ -22,7 +23,6 @@ from oppload_cli.video.source import open_video
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from oppload_cli.evaluation.metrics.clips import Box
     from oppload_cli.stimulus.protocol import Protocol
 
     Table = dict[str, Any]
@@ -238,7 +238,7 @@ def _within(
     left, top = max(box[0], 0.0), max(box[1], 0.0)
     width, height = min(box[0] + box[2], display[0]) - left, min(box[1] + box[3], display[1]) - top
     x, y = size[0] / display[0], size[1] / display[1]
-    return (x * left, y * top, x * width, y * height) if min(width, height) >= 1 else None
+    return Box(x * left, y * top, x * width, y * height) if min(width, height) >= 1 else None
 
 
 def _conditions_of(protocol: Table) -> dict[str, str]:

@@ -68,7 +68,7 @@ _NO_LOOK_AHEAD = "rc-lookahead=0:mbtree=0"
 _CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
 
 
-class _Entry(NamedTuple):
+class _IndexRow(NamedTuple):
     """A result as the index shows it."""
 
     title: str
@@ -157,7 +157,7 @@ def write_report(
         _Item(result, folder / page, title, videos, index)
         for result, page, title in zip(results, pages, _titles(results, pages), strict=True)
     ]
-    by_position: dict[int, _Entry | OpploadError] = {}
+    by_position: dict[int, _IndexRow | OpploadError] = {}
     for position, outcome in outcomes(
         _write_page, items, jobs, named=lambda item: str(item.page), told=frames
     ):
@@ -165,7 +165,7 @@ def write_report(
         if done:
             done()
     ordered = [by_position[position] for position in sorted(by_position)]
-    entries = [each for each in ordered if isinstance(each, _Entry)]
+    entries = [each for each in ordered if isinstance(each, _IndexRow)]
     failures = [each for each in ordered if isinstance(each, OpploadError)]
     if not entries:
         raise failures[0]
@@ -219,7 +219,7 @@ def _refuse_other(index: Path) -> None:
         )
 
 
-def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
+def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
     result = item.result if isinstance(item.result, BaseResult) else read_result(item.result)
     content = Content.of(result)
     beside = item.page.with_name(item.page.name.removesuffix(_PAGE) + REPORTED)
@@ -235,7 +235,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
     write_atomic(item.page, _page(content, copy, beside, notes, title=item.title, index=index))
     strongest = content.strongest
     times = result.frames["time_s"].to_numpy(float)
-    return _Entry(
+    return _IndexRow(
         printable(item.title),
         item.page,
         copy.still if copy else b"",
@@ -286,7 +286,7 @@ def _page(
     )
 
 
-def _index_page(index: Path, entries: Sequence[_Entry], failures: Sequence[OpploadError]) -> str:
+def _index_page(index: Path, entries: Sequence[_IndexRow], failures: Sequence[OpploadError]) -> str:
     """Return the index as HTML: results with alarms come first, in the order of their peaks."""
     ordered = sorted(entries, key=lambda each: (not each.alarms, -each.peak, each.title))
     return rendered(

@@ -16,7 +16,7 @@ from oppload_cli.reference import BAR_WIDTHS, SOURCE, bar_tuning
 from oppload_cli.reproduction.claims import (
     NO_PAUSE,
     NO_RESPONSE,
-    PRESETS,
+    PAPER_PRESETS,
     TITLES,
     WIDE,
     Built,
@@ -103,8 +103,8 @@ class _Tunings:
 
 def bar_figures() -> list[Built]:
     """Show both bars along several axes to both presets; return the figures of time and peaks."""
-    longer = {preset: _tunings(preset, _LONGER) for preset in PRESETS}
-    return [_over_time(longer), _polar({preset: _tunings(preset, {}) for preset in PRESETS})]
+    longer = {preset: _tunings(preset, _LONGER) for preset in PAPER_PRESETS}
+    return [_over_time(longer), _polar({preset: _tunings(preset, {}) for preset in PAPER_PRESETS})]
 
 
 def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 NO_PRESET = "any preset"
 # The presets with the paper's own model; preset default has a changed model.
 TITLES = {STUDY_PRESET: "preset reference", "paper": "preset paper (literal)"}
-PRESETS = tuple(TITLES)
+PAPER_PRESETS = tuple(TITLES)
 # No pause before the motion: after a pause, the first moving frames have no delayed inhibition,
 # and the same transient response follows for every direction.
 NO_PAUSE = {"timing.before_s": 0}

@@ -15,7 +15,7 @@ from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import CYCLE, FAINT, SHADES, styled_figure
 from oppload_cli.reproduction.claims import (
     NO_PAUSE,
-    PRESETS,
+    PAPER_PRESETS,
     TITLES,
     WIDE,
     Built,
@@ -69,7 +69,7 @@ _FILTERS = {"reference": -1, "paper": 1}  # weight of inward motion in the filte
 def up_and_down() -> Built:
     """Measure how well the pathways separate upward and downward motion of the expanding bar."""
     findings, shown, described = {}, {}, {}
-    for preset in PRESETS:
+    for preset in PAPER_PRESETS:
         settings = resolve(preset=preset, assignments=_CARDINAL)
         described[preset] = ", ".join((described_settings(settings), *_CARDINAL))
         leaks, shown[preset] = _wrong_sides(
@@ -118,7 +118,7 @@ def diagonals() -> Built:
     """Measure how well the pathways separate the four diagonals of the approaching block."""
     findings, shown, described = {}, {}, {}
     rows: list[dict[str, Any]] = []
-    for preset in PRESETS:
+    for preset in PAPER_PRESETS:
         settings = settings_of(preset)
         described[preset] = described_settings(settings)
         leaks, shown[preset] = _wrong_sides(
@@ -214,7 +214,7 @@ def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure
     kernels = inhibition_kernels(params)
     with styled_figure(WIDE, 6.2) as figure:
         axes = figure.subplots(3, 3)
-        for row, preset in zip(axes, PRESETS, strict=False):
+        for row, preset in zip(axes, PAPER_PRESETS, strict=False):
             _picture(row[0], shown[preset]["luma"], f"{TITLES[preset]}: frame {_SHOWN_FRAME[_BAR]}")
             for panel, (phi, name) in zip(row[1:], _VERTICAL.items(), strict=True):
                 _map(panel, shown[preset]["maps"][phi], f"S of the {name} pathway")
@@ -235,7 +235,7 @@ def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure
 def _draw_diagonals(shown: dict[str, Shown]) -> Figure:
     with styled_figure(WIDE, 3.6) as figure:
         axes = figure.subplots(2, 5)
-        for row, preset in zip(axes, PRESETS, strict=True):
+        for row, preset in zip(axes, PAPER_PRESETS, strict=True):
             _picture(row[0], shown[preset]["luma"], f"frame {_SHOWN_FRAME[_BLOCK]}")
             row[0].set_ylabel(TITLES[preset])
             for panel, phi in zip(row[1:], _DIAGONALS, strict=True):
@@ -259,7 +259,7 @@ def _map(axes: Axes, values: Map, title: str) -> None:
 
 def inward_motion() -> Built:
     """Measure how inward motion suppresses the response to outward motion."""
-    shown = {preset: _shown(preset) for preset in PRESETS}
+    shown = {preset: _shown(preset) for preset in PAPER_PRESETS}
     claims = (
         Claim(
             "The pathways together suppress inward motion.",
@@ -306,7 +306,8 @@ def inward_motion() -> Built:
             "In preset reference, the receptive field is set to 60 degrees here, as that of LPLC2.",
         ),
         {
-            preset: described_settings(settings_of(preset), _FIELD_OF_60) for preset in PRESETS
+            preset: described_settings(settings_of(preset), _FIELD_OF_60)
+            for preset in PAPER_PRESETS
         },
     )  # fmt: skip
 

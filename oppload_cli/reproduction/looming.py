@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.patches import Rectangle
 
+from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import FAINT, INK, styled_figure
 from oppload_cli.reproduction.claims import (
     NO_PAUSE,
-    PRESETS,
+    PAPER_PRESETS,
     TITLES,
     WIDE,
     Built,
@@ -98,7 +99,7 @@ def looming_off_centre() -> Built:
 
 
 def _figure(name: str, title: str, stimulus: str) -> Built:
-    settings = {preset: settings_of(preset, _FIELD, height="native") for preset in PRESETS}
+    settings = {preset: settings_of(preset, _FIELD, height="native") for preset in PAPER_PRESETS}
     by_speed = {speed: _shown_at(stimulus, speed, settings) for speed in _SPEEDS}
     shown = by_speed[_SPEED]
     protocol = load(stimulus)
@@ -208,7 +209,7 @@ def _claim(
 ) -> Claim:
     """Return a claim judged at the chosen speed; its text has the verdicts at other speeds."""
     findings = {}
-    for preset in PRESETS:
+    for preset in PAPER_PRESETS:
         chosen = by_speed[_SPEED][preset]
         found = judge(chosen)
         speeds: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
@@ -322,21 +323,22 @@ def _draw(protocol: Protocol, shown: Shown, paper: dict[str, int]) -> Figure:
 def thresholds() -> Built:
     """Compare when the detectors first exceed their largest response to the controls."""
     controls, looming = (
-        {preset: _shown(preset, stimuli) for preset in PRESETS} for stimuli in (_CONTROLS, _LOOMING)
+        {preset: _shown(preset, stimuli) for preset in PAPER_PRESETS}
+        for stimuli in (_CONTROLS, _LOOMING)
     )
-    worst = {preset: _worst(controls[preset]) for preset in PRESETS}
+    worst = {preset: _worst(controls[preset]) for preset in PAPER_PRESETS}
     limits = {
         preset: {detector: value for detector, (_, value) in each.items()}
         for preset, each in worst.items()
     }
-    first = {preset: _crossings(looming[preset], limits[preset]) for preset in PRESETS}
+    first = {preset: _crossings(looming[preset], limits[preset]) for preset in PAPER_PRESETS}
     claim = Claim(
         "OppLoD responds to looming objects stronger and earlier than D-LGMD, which leaves more "
         "time to avoid them.",
         "each detector's threshold is its largest response to any control, so that none has a "
         "false alarm; share of the looming stimuli in which OppLoD exceeds its threshold before "
         "D-LGMD does, or D-LGMD never does; holds: at least 90 %, in part: at least 50 %",
-        {preset: _finding(first[preset], limits[preset]) for preset in PRESETS},
+        {preset: _finding(first[preset], limits[preset]) for preset in PAPER_PRESETS},
         "\u201cour model responds to the looming objects stronger and earlier, which means that "
         "can attain more time avoiding obstacles\u201d (looming disk)",
     )
@@ -353,7 +355,7 @@ def thresholds() -> Built:
                 "peak": peak_of(each[detector]), "threshold": limits[preset][detector],
                 "first_crossing_s": first[preset].get(name, {}).get(detector),
             }
-            for preset in PRESETS
+            for preset in PAPER_PRESETS
             for kind, shown in (("looming", looming[preset]), ("control", controls[preset]))
             for name, each in shown.items()
             for detector in _DETECTORS
@@ -362,7 +364,7 @@ def thresholds() -> Built:
             "A comparison of peaks favours OppLoD: its response peaks when the edge leaves the "
             "receptive field, which is smaller than the frame that D-LGMD sees. This figure "
             "compares first crossings of a threshold, because an alarm depends on them.",
-            f"Controls: {len(controls[PRESETS[0]])} stimuli of {len(_CONTROLS)} kinds (receding, "
+            f"Controls: {len(controls[STUDY_PRESET])} stimuli of {len(_CONTROLS)} kinds (receding, "
             "translating, panning, rotating, gratings, edges) without looming, at each preset's "
             "own working height and without a pause before the motion. They have only some of the "
             "directions, sizes and speeds of the catalogue.",
@@ -373,7 +375,7 @@ def thresholds() -> Built:
                 for detector, (name, value) in each.items()
             ),
         ),
-        {preset: described_settings(settings_of(preset)) for preset in PRESETS},
+        {preset: described_settings(settings_of(preset)) for preset in PAPER_PRESETS},
     )  # fmt: skip
 
 

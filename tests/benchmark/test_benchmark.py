@@ -42,7 +42,7 @@ def each_arithmetic() -> None:
     """Once is enough: no compiled loops take part."""
 
 
-def small(kind: str) -> battery.Column:
+def small(kind: str) -> battery.BatteryColumn:
     """A stimulus of few pixels and frames."""
     settings = {
         "display.width": 72,
@@ -51,10 +51,10 @@ def small(kind: str) -> battery.Column:
         "timing.motion_s": 0.8,
     }
     if kind == "bright":
-        return battery.Column(
+        return battery.BatteryColumn(
             "polarity", kind, "klapoetke2017/loom-bright", settings | {battery.L_OVER_V: 40}
         )
-    return battery.Column("polarity", kind, battery.LOOM, settings | {battery.L_OVER_V: 40})
+    return battery.BatteryColumn("polarity", kind, battery.LOOM, settings | {battery.L_OVER_V: 40})
 
 
 def test_every_column_shows_stimuli_and_every_table_has_columns() -> None:
@@ -112,7 +112,9 @@ def test_measures_are_kept_and_taken_up_again(
 def shown(values: Sequence[tuple[str, float, int]]) -> list[Shown]:
     """Make a benchmark of one detector with stated peaks and alarms."""
     columns = [BATTERY[0]]
-    columns += [battery.Column("selectivity", "x", "x", {}, kind) for kind, _, _ in values[1:]]
+    columns += [
+        battery.BatteryColumn("selectivity", "x", "x", {}, kind) for kind, _, _ in values[1:]
+    ]
     return [
         Shown(column, str(i), str(i), 1.0, [Measured("lgmd2", peak, 0.5, alarms, None)])
         for i, (column, (_, peak, alarms)) in enumerate(zip(columns, values, strict=True))

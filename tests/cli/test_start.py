@@ -7,10 +7,6 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-import pytest
-from click.formatting import HelpFormatter
-
-from oppload_cli.cli import _help_width
 from oppload_cli.pipeline.settings import resolve
 from tests.cli.inside import oppload
 from tests.cli.process import ENTRY
@@ -18,7 +14,7 @@ from tests.cli.process import ENTRY
 if TYPE_CHECKING:
     from pathlib import Path
 
-HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib", "shutil", "difflib", "traceback")
+HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib", "difflib", "traceback")
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -83,16 +79,6 @@ def test_info_names_the_versions() -> None:
     assert facts["cores"] >= 1
     assert set(facts["libraries"]) >= {"numpy", "av", "click"}
     assert facts["libraries"]["numpy"] is not None
-
-
-@pytest.mark.parametrize("columns", [None, "0", "20", "61", "200", "no number"])
-def test_the_help_is_as_wide_as_click_would_have_it(
-    monkeypatch: pytest.MonkeyPatch, columns: str | None
-) -> None:
-    monkeypatch.delenv("COLUMNS", raising=False)
-    if columns is not None:
-        monkeypatch.setenv("COLUMNS", columns)
-    assert _help_width() == HelpFormatter().width
 
 
 def test_the_process_exits_with_everything_printed_and_registered_functions_called() -> None:

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
+from oppload_cli.models.detector import Box
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from oppload_cli.evaluation.metrics.clips import Box
+    from collections.abc import Mapping, Sequence
 
 NAME = "detector"
 WARM_UP = 3
@@ -24,7 +23,7 @@ def clip(
     *,
     rate: float = 10,
     motion: str = "",
-    boxes: dict[int, Box] | None = None,
+    boxes: Mapping[int, tuple[float, float, float, float]] | None = None,
     alarm: Sequence[int] = (),
     winner: Sequence[Sequence[float]] | None = None,
 ) -> Clip:
@@ -33,8 +32,9 @@ def clip(
     values[:WARM_UP] = np.nan
     on = np.zeros(len(values), bool)
     on[list(alarm)] = True
+    labelled = {frame: Box(*box) for frame, box in (boxes or {}).items()}
     output = Output(values, values, on, None if winner is None else np.array(winner, float))
-    label = Label(f"{onset}.avi", onset, contact, motion, boxes or {})
+    label = Label(f"{onset}.avi", onset, contact, motion, labelled)
     return Clip(label, np.arange(len(values)) / rate, 400, 200, {NAME: output})
 
 

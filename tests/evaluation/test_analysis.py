@@ -14,6 +14,7 @@ from oppload_cli.evaluation.manifest import Entry
 from oppload_cli.evaluation.metrics.alarms import shipped
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.evaluation.metrics.intervals import draws_of
+from oppload_cli.models.detector import Box
 from oppload_cli.models.flow_divergence import FlowDivergence
 from oppload_cli.stimulus import load
 from tests.media import grey_frames, write_video
@@ -143,7 +144,7 @@ def test_a_clip_that_cannot_be_decoded_or_is_too_short_is_a_fault(tmp_path: Path
 def test_a_cut_clip_is_used_and_reported(tmp_path: Path) -> None:
     whole = write_video(tmp_path / "whole.mkv", grey_frames(60, 320, 240)).read_bytes()
     (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) * 2 // 3])
-    boxes = dict.fromkeys(range(60), (0.0, 0.0, 1.0, 1.0))
+    boxes = dict.fromkeys(range(60), Box(0.0, 0.0, 1.0, 1.0))
     entry = Entry(2, tmp_path / "cut.mkv", Label("cut.mkv", boxes=boxes))
     (analysed,) = analyse_clips([entry], SMALL)
     assert analysed.clip is not None

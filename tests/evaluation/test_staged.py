@@ -15,6 +15,7 @@ from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
 from oppload_cli.evaluation.stimuli import clips_of
+from oppload_cli.models.detector import Box
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 
@@ -253,7 +254,7 @@ def truthful(
     onset = None if contact is None else 5
     label = Label(str(conditions), onset, contact, "", {}, {}, conditions)
     if contact is not None:
-        label.boxes[contact - 5] = (0.0, 0.0, 10.0, 10.0)
+        label.boxes[contact - 5] = Box(0.0, 0.0, 10.0, 10.0)
         label.contacts[contact - 4] = 0.4
     return Clip(label, np.arange(frames) / 10, 100, 100, {"d": output})
 

@@ -40,7 +40,7 @@ _OWN_MOUNTS = 0x20000  # CLONE_NEWNS of Linux
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Judged:
     """The outcome of one case."""
 
     family: str
@@ -50,7 +50,7 @@ class Verdict:
     wrong: tuple[str, ...]
 
 
-def _run(number: int, seed: int, folder: Path, material: Material, only: str) -> Verdict:
+def _run(number: int, seed: int, folder: Path, material: Material, only: str) -> Judged:
     """Make a case, run it and check its results; keep its folder if something is wrong."""
     work = folder / "work" / str(number)
     shutil.rmtree(work, ignore_errors=True)
@@ -67,7 +67,7 @@ def _run(number: int, seed: int, folder: Path, material: Material, only: str) ->
         keep(case, ended, wrong, folder / "failures" / f"{case.family}-{seed}-{number}")
     shutil.rmtree(work, ignore_errors=True)
     seconds = time.monotonic() - began
-    return Verdict(case.family, number, ended.code, seconds, tuple(wrong))
+    return Judged(case.family, number, ended.code, seconds, tuple(wrong))
 
 
 def keep(case: Case, ended: Ended, wrong: list[str], folder: Path) -> None:
@@ -93,7 +93,7 @@ def keep(case: Case, ended: Ended, wrong: list[str], folder: Path) -> None:
 
 def _attack(
     numbers: Sequence[int], seed: int, jobs: int, folder: Path, only: str = ""
-) -> list[Verdict]:
+) -> list[Judged]:
     """Run the cases of these numbers, `jobs` at the same time, and print their faults.
 
     `folder` receives the folders `work` and `failures`; `only` names a family, or is empty.
@@ -135,7 +135,7 @@ def isolate() -> None:
             subprocess.run(words, capture_output=True, check=False)
 
 
-def table(verdicts: list[Verdict]) -> str:
+def table(verdicts: list[Judged]) -> str:
     """Return the cases and failures of each family, and their exit codes, as text."""
     lines = [f"{'family':<14}{'cases':>7}{'failures':>10}{'longest':>10}  exit codes"]
     for family in (*FAMILIES, "all"):

@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from oppload_cli.models.detector import Box
+
     Numbers = NDArray[np.float64]
     Flags = NDArray[np.bool_]
-    Box = tuple[float, float, float, float]
 
 
 _UNSTATED = "not stated"
@@ -41,9 +42,9 @@ class Label:
         First and last frame of the approach; None without an approach.
     motion : str
         Kind of motion of a clip without an approach.
-    boxes : dict of int to tuple
-        By frame, the object's left, top, width and height in source pixels. Of several looming
-        objects of a stimulus, the object is the one that arrives first.
+    boxes : dict of int to Box
+        By frame, the object in source pixels. Of several looming objects of a stimulus, the object
+        is the one that arrives first.
     contacts : dict of int to float
         By frame, the true time to contact in seconds of the looming object that arrives first, if
         the time is known.
@@ -275,7 +276,7 @@ def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Number
     return score.astype(np.float64), positive.astype(bool), owner.astype(np.int64)
 
 
-class Curve(NamedTuple):
+class Curves(NamedTuple):
     """The ROC curve and the precision-recall curve.
 
     The first threshold is above all scores; the other thresholds are the scores, the largest first.
@@ -304,7 +305,7 @@ class Curve(NamedTuple):
         return float(np.sum(np.diff(self.true_rate) * self.precision[1:]))
 
 
-def curve(score: Numbers, positive: Flags, weight: Numbers) -> Curve | None:
+def curves_of(score: Numbers, positive: Flags, weight: Numbers) -> Curves | None:
     """Return the curves of windows with scores; None without a positive or a negative window.
 
     Parameters
@@ -324,4 +325,4 @@ def curve(score: Numbers, positive: Flags, weight: Numbers) -> Curve | None:
         return None
     marked = hits + false
     precision = np.divide(hits, marked, out=np.ones(len(hits)), where=marked > 0)
-    return Curve(false / false[-1], hits / hits[-1], precision)
+    return Curves(false / false[-1], hits / hits[-1], precision)

@@ -17,7 +17,14 @@ from oppload_cli.evaluation.metrics.alarms import (
     Thresholds,
     shipped,
 )
-from oppload_cli.evaluation.metrics.clips import AHEAD, EPSILON_S, LEAST_S, Curve, curve, scored
+from oppload_cli.evaluation.metrics.clips import (
+    AHEAD,
+    EPSILON_S,
+    LEAST_S,
+    Curves,
+    curves_of,
+    scored,
+)
 from oppload_cli.evaluation.metrics.intervals import (
     Measurement,
     estimate,
@@ -29,8 +36,9 @@ from oppload_cli.evaluation.metrics.intervals import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from oppload_cli.evaluation.metrics.clips import Box, Clip, Numbers
+    from oppload_cli.evaluation.metrics.clips import Clip, Numbers
     from oppload_cli.evaluation.metrics.intervals import Weights
+    from oppload_cli.models.detector import Box
 
 
 NEAR_CONTACT = 15  # frames before contact
@@ -46,13 +54,13 @@ _EACH_CLIP = slice(None)
 class Performance:
     """All measurements of one detector.
 
-    `decisions` has a rule of alarm by its condition, such as ``at 1 per minute``. `curve` judges
+    `decisions` has a rule of alarm by its condition, such as ``at 1 per minute``. `curves` judge
     the one-second windows. `thresholds` gives detections over false alarms.
     """
 
     measurements: list[Measurement]
     decisions: dict[str, Decision]
-    curve: Curve | None
+    curves: Curves | None
     thresholds: Thresholds
 
 
@@ -68,7 +76,7 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
     score, positive, owner = scored(clips, detector)
 
     def area(weights: Weights, name: str) -> float:
-        drawn = curve(score, positive, weights[owner])
+        drawn = curves_of(score, positive, weights[owner])
         return float("nan") if drawn is None else float(getattr(drawn, name))
 
     measurements = [each for decision in rules for each in decision.measurements]
@@ -83,7 +91,7 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
     ratio = _median(_distinct_ratios(clips, detector), draws)
     measurements.append(Measurement(detector, "distinct_ratio", "median over clips", *ratio))
     measurements += of_places(clips, detector, draws)
-    complete = curve(score, positive, np.ones(len(score)))
+    complete = curves_of(score, positive, np.ones(len(score)))
     return Performance(measurements, decisions, complete, thresholds)
 
 
@@ -313,19 +321,14 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
     )
     boxed = places(clips, detector) if has_units else []
     near = [each for each in boxed if each.near]
-    averages = {
-        "inside": _share,
-        "distance_px": _median,
-        "distance_diagonals": _median,
-    }
     measurements = []
     for condition, part in (
         (f"within {NEAR_CONTACT} frames of contact", near),
         ("all boxed frames", boxed),
     ):
         owner = np.array([each.clip for each in part])
-        for name, average in averages.items() if part else ():
+        for name in ("inside", "distance_px", "distance_diagonals") if part else ():
             values = np.array([getattr(each, name) for each in part], np.float64)
-            found = average(values, draws, owner)
+            found = (_share if name == "inside" else _median)(values, draws, owner)
             measurements.append(Measurement(detector, f"place_{name}", condition, *found))
     return measurements

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from oppload_cli.evaluation.metrics.clips import curve
+from oppload_cli.evaluation.metrics.clips import curves_of
 from tests.evaluation.make import NAME, clip, peaks
 
 
@@ -67,7 +67,7 @@ def test_areas_are_those_of_all_pairs_and_of_the_definition() -> None:
     score = random.integers(0, 6, 60).astype(float)  # many ties
     positive = random.random(60) < 0.3
     weight = random.integers(0, 4, 60)
-    found = curve(score, positive, weight.astype(float))
+    found = curves_of(score, positive, weight.astype(float))
     assert found is not None
     above, below = (
         np.repeat(score[positive], weight[positive]),
@@ -85,7 +85,7 @@ def test_areas_are_those_of_all_pairs_and_of_the_definition() -> None:
 
 def test_a_curve_by_hand() -> None:
     score, positive = np.array([4.0, 3.0, 2.0, 1.0]), np.array([True, False, True, False])
-    found = curve(score, positive, np.ones(4))
+    found = curves_of(score, positive, np.ones(4))
     assert found is not None
     assert found.false_rate.tolist() == [0, 0, 0.5, 0.5, 1]
     assert found.true_rate.tolist() == [0, 0.5, 0.5, 1, 1]
@@ -94,5 +94,5 @@ def test_a_curve_by_hand() -> None:
 
 
 def test_one_kind_of_windows_has_no_curve() -> None:
-    assert curve(np.array([1.0, 2.0]), np.array([True, True]), np.ones(2)) is None
-    assert curve(np.empty(0), np.empty(0, bool), np.empty(0)) is None
+    assert curves_of(np.array([1.0, 2.0]), np.array([True, True]), np.ones(2)) is None
+    assert curves_of(np.empty(0), np.empty(0, bool), np.empty(0)) is None
