@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,7 +17,7 @@ from oppload_cli.cli.options import (
     quiet_option,
 )
 from oppload_cli.errors import ExitCode, OpploadError
-from oppload_cli.stimulus.catalogue import Entry, entries, find, in_toml, parsed_setting
+from oppload_cli.stimulus.catalogue import Entry, entries, find, in_toml, parsed_settings
 from oppload_cli.stimulus.protocol import json_schema
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def list_stimuli(patterns: tuple[str, ...], as_json: bool) -> None:
 @change_option
 def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
     """Show a protocol: its description, its stimuli, the changed values and its file."""
-    found = [(entry, entry.with_settings(_settings(changes))) for entry in find(name)]
+    found = [(entry, entry.with_settings(parsed_settings(changes))) for entry in find(name)]
     say_remarks([protocol for _, entry in found for protocol in entry.protocols()])
     if as_json:
         changed = [entry.telling_changes() for _, entry in found]
@@ -113,7 +113,7 @@ def generate(
     """
     from oppload_cli.stimulus.files import named, not_made_yet, write_all
 
-    protocols, problems = named(names, _settings(changes), form)
+    protocols, problems = named(names, parsed_settings(changes), form)
     wanted = not_made_yet(protocols, output, form, preview=preview, if_exists=if_exists)
     say_remarks(protocols)
     if form == "mp4":
@@ -135,12 +135,11 @@ def generate(
         else:
             click.echo(str(result.video))
     made = len(protocols) - sum(isinstance(each, OpploadError) for each in results)
+    for problem in problems if made else problems[:-1]:
+        say(f"oppload: {problem}")
     if problems and not made:
-        # `main` prints the last problem and exits with its code.
-        _report(problems[:-1])
-        raise problems[-1]
+        raise problems[-1]  # `main` prints it and exits with its code
     if problems:
-        _report(problems)
         context.exit(ExitCode.INCOMPLETE)
 
 
@@ -148,10 +147,6 @@ def generate(
 def schema() -> None:
     """Print the JSON Schema of protocol files, for editors."""
     click.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
-
-
-def _settings(texts: Sequence[str]) -> dict[str, Any]:
-    return dict(parsed_setting(text) for text in texts)
 
 
 def say_remarks(protocols: Sequence[Protocol]) -> None:
@@ -162,11 +157,6 @@ def say_remarks(protocols: Sequence[Protocol]) -> None:
             concerned.setdefault(remark, []).append(protocol.name)
     for remark, (first, *others) in concerned.items():
         say(f"note: {first}{f' and {len(others)} more' if others else ''}: {remark}")
-
-
-def _report(problems: list[OpploadError]) -> None:
-    for problem in problems:
-        say(f"oppload: {problem}")
 
 
 def _table(listed: Sequence[Entry]) -> str:

@@ -28,7 +28,7 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.processes import cores
-from oppload_cli.stimulus.catalogue import parsed_setting
+from oppload_cli.stimulus.catalogue import parsed_settings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -106,7 +106,7 @@ def tune(
         raise click.UsageError("give a STIMULUS or --figure NAME, one of the two")
     if math.isnan(indicator_s):  # FloatRange lets it pass
         raise ParameterError("--indicator must be 0 to 60 seconds, not nan")
-    values = dict(parsed_setting(text) for text in changes)
+    values = parsed_settings(changes)
     check_models(chosen["models"], "tune")
     for sweep in sweeps(stimulus, figures, values, over, chosen | {"usual": STUDY_PRESET}):
         check_assignments(chosen["assignments"], sweep.settings.models, measure_rmo=False)

@@ -85,7 +85,9 @@ def write_evaluation(
         yield folder / name
     frames, seconds = report["manifest"]["frames"], wall_s()
     timing = {"wall_s": round(seconds, 1), "frames_per_s": round(frames / seconds, 1)}
-    write_atomic(claim, _report_json({**report, "timing": timing}))
+    # NaN and infinity become null.
+    content = _finite({**report, "timing": timing})
+    write_atomic(claim, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     yield claim.path
     write_atomic(folder / "evaluation.html", page)
     yield folder / "evaluation.html"
@@ -283,11 +285,6 @@ def _clips(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
             "height": clip.height,
             "outcomes": outcomes,
         }
-
-
-def _report_json(report: dict[str, Any]) -> str:
-    """Return the report as JSON; NaN and infinity become null."""
-    return json.dumps(_finite(report), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _integer(value: float, kind: type[int]) -> int | None:

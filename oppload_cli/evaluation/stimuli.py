@@ -15,7 +15,7 @@ from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder
 from oppload_cli.models.detector import Box
 from oppload_cli.results.truths import read_truth
-from oppload_cli.stimulus.catalogue import parsed_setting
+from oppload_cli.stimulus.catalogue import parsed_settings
 from oppload_cli.stimulus.objects import PICTURE
 from oppload_cli.video.inputs import is_video, truth_beside
 from oppload_cli.video.source import open_video
@@ -69,7 +69,7 @@ def clips_of(
         raise ParameterError(
             "--boxes goes with a manifest; the boxes of stimuli come from their ground truth"
         )
-    settings = dict(parsed_setting(text) for text in changes)
+    settings = parsed_settings(changes)
     names = [name for name in inputs if not _is_clip(name)]
     videos = {os.path.realpath(name): Path(name) for name in inputs if _is_clip(name)}  # each once
     return _labelled(_protocols_of(names, settings, backgrounds), list(videos.values()))

@@ -11,13 +11,16 @@ import tomllib
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError, StimulusError, suggestion
 from oppload_cli.files.reading import is_file, reading, text_of
 from oppload_cli.stimulus.keys import WORDS, excluded_by, key_of, value_at, with_value, without
 from oppload_cli.stimulus.protocol import Protocol
 from oppload_cli.stimulus.tables import SURROUNDINGS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _MOST_MEMBERS = 10_000
 _LONGEST = 80  # characters of a value in a message
@@ -385,21 +388,26 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
     return [protocol for entry in changed for protocol in entry.protocols()]
 
 
-def parsed_setting(text: str) -> tuple[str, Any]:
-    """Read ``key=value`` from a command line; a value that is not TOML is a text.
+def parsed_settings(texts: Iterable[str]) -> dict[str, Any]:
+    """Read texts ``key=value`` of a command line; a value that is not TOML is a text.
 
     Raises
     ------
     StimulusError
         If there is no ``=``.
     """
-    name, equals, value = text.partition("=")
-    if not equals or not name.strip():
-        raise StimulusError(f"--change takes key=value, not '{text}'; e.g. display.frame_rate=60")
-    try:
-        return name.strip(), tomllib.loads(f"value = {value}")["value"]
-    except ValueError:
-        return name.strip(), value.strip()
+    settings: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip():
+            raise StimulusError(
+                f"--change takes key=value, not '{text}'; e.g. display.frame_rate=60"
+            )
+        try:
+            settings[name.strip()] = tomllib.loads(f"value = {value}")["value"]
+        except ValueError:
+            settings[name.strip()] = value.strip()
+    return settings
 
 
 def _sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any]]:

@@ -303,9 +303,7 @@ def write_all(
     list of Written or OpploadError
         In the order of `protocols`.
     """
-    one = partial(
-        _written, writes=partial(write, directory=directory, form=form, preview=preview, new=new)
-    )
+    one = partial(_written, directory=directory, form=form, preview=preview, new=new)
     # To start a process takes as long as to write one or two stimuli.
     jobs = jobs or max(1, min(len(protocols) // 2, cores()))
     with closing(outcomes(one, protocols, jobs, named=attrgetter("name"), told=progress)) as coming:
@@ -313,10 +311,8 @@ def write_all(
     return [done[position] for position in range(len(protocols))]
 
 
-def _written(
-    protocol: Protocol, tell: Callable[[int], object], *, writes: Callable[..., Written]
-) -> Written:
+def _written(protocol: Protocol, tell: Callable[[int], object], **how: Any) -> Written:
     count = Seldom(tell)
-    made = writes(protocol, progress=count)
+    made = write(protocol, progress=count, **how)
     count.flush()
     return made
