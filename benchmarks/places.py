@@ -4,15 +4,13 @@
     python -m benchmarks.places --clips FOLDER   # on labelled clips: winning unit and box
     python -m benchmarks.places --cost FOLDER    # processor time
 
-The first two use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv`` (file,
-contact_frame, ...) and ``boxes.json`` (file, frame, [x, y, width, height] in source pixels).
+The first two use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv``
+and ``boxes.json`` as for ``oppload evaluate``.
 """  # fmt: skip
 
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import math
 import statistics
 import time
@@ -26,6 +24,8 @@ import numpy as np
 from oppload_cli import Opplod, OpplodResponse, analyse, open_video, stimulus
 from oppload_cli.detection.parameters import place_params
 from oppload_cli.detection.places import Places
+from oppload_cli.evaluation.manifest import read_manifest, with_boxes
+from oppload_cli.evaluation.metrics.measures import overlap
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import frame_truth
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from oppload_cli import FrameRecord
     from oppload_cli.detection.places import Detection
+    from oppload_cli.evaluation.manifest import Entry
     from oppload_cli.models.detector import Box
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.stimulus.truth import ObjectTruth
@@ -163,30 +164,29 @@ def _contact_table(preset: str) -> Iterator[str]:
 
 def _localisation(folder: Path, preset: str) -> Iterator[str]:
     """Yield the table of the clips: winning units within the labelled box, enlarged by half."""
-    boxes = json.loads((folder / "boxes.json").read_text(encoding="utf-8"))
     yield "| clip | labelled frames | every frame between | overlap of the box |"
     yield "|---|---|---|---|"
     labelled: list[list[bool]] = []
     every: list[list[bool]] = []
     overlaps: list[float] = []
     contacts: list[tuple[float, bool] | None] = []
-    for clip in _clips(folder):
-        name, contact = clip["file"], clip["contact_frame"]
-        if name not in boxes:
+    for entry in _entries(folder):
+        name, contact, boxes = entry.label.name, entry.label.contact, entry.label.boxes
+        if contact is None or not boxes:
             continue
-        near = _between({int(frame): box for frame, box in boxes[name].items()}, int(contact))
-        with open_video(folder / name, height=240) as video:
+        near = _between(boxes, contact)
+        with open_video(cast("Path", entry.path), height=240) as video:
             records = list(_analysed(video, preset))
         hits = {frame: _hit(records[frame].responses["opplod"], box) for frame, box in near.items()}
-        labelled.append([hits[int(frame)] for frame in boxes[name] if int(frame) in hits])
+        labelled.append([hits[frame] for frame in boxes if frame in hits])
         every.append(list(hits.values()))
         own = [
-            _overlap(records[frame].detections[0].box, box)
+            overlap(records[frame].detections[0].box, box)
             for frame, box in near.items()
             if records[frame].detections
         ]
         overlaps += own
-        contacts += _contacts(records, int(contact))
+        contacts += _contacts(records, contact)
         yield _clip_row(name, labelled[-1], every[-1], own)
     yield _clip_row("**all**", list(chain(*labelled)), list(chain(*every)), overlaps)
     low, high = _interval(labelled)
@@ -223,8 +223,8 @@ def _cost(folder: Path) -> Iterator[str]:
     yield "| clip | mean per frame, us | over decoding and OppLoD |"
     yield "|---|---|---|"
     every: list[tuple[float, float, int]] = []
-    for clip in _clips(folder):
-        with open_video(folder / clip["file"], height=240) as video:
+    for entry in _entries(folder):
+        with open_video(cast("Path", entry.path), height=240) as video:
             model = Opplod(video.working.shape)
             places = Places()
             frames, searched, started = 0, 0.0, time.process_time()
@@ -235,7 +235,7 @@ def _cost(folder: Path) -> Iterator[str]:
                     searched += time.thread_time() - before
                     frames += 1
             every.append((searched, time.process_time() - started, frames))
-        yield _cost_row(clip["file"], every[-1:])
+        yield _cost_row(entry.label.name, every[-1:])
     yield _cost_row("**all**", every)
 
 
@@ -245,12 +245,11 @@ def _cost_row(name: str, times: list[tuple[float, float, int]]) -> str:
     return f"| {name} | {1e6 * searched / frames:.0f} | {share:.1f} % |"
 
 
-def _clips(folder: Path) -> list[dict[str, str]]:
-    with (folder / "manifest.csv").open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+def _entries(folder: Path) -> list[Entry]:
+    return with_boxes(read_manifest(folder / "manifest.csv")).entries
 
 
-def _between(labels: dict[int, list[float]], contact: int) -> dict[int, list[float]]:
+def _between(labels: dict[int, Box], contact: int) -> dict[int, list[float]]:
     """Interpolate the boxes of the frames near contact from the labelled ones."""
     known = sorted(labels)
     sides = list(zip(*(labels[frame] for frame in known), strict=True))
@@ -268,15 +267,6 @@ def _clip_row(name: str, labelled: list[bool], every: list[bool], overlaps: list
     ]
     overlap = f"{statistics.median(overlaps):.2f} ({len(overlaps)})" if overlaps else ""
     return f"| {name} | {shares[0]} | {shares[1]} | {overlap} |"
-
-
-def _overlap(found: Box, box: list[float]) -> float:
-    """Return the intersection over union."""
-    left, top, width, height = box
-    across = min(found.x + found.width, left + width) - max(found.x, left)
-    down = min(found.y + found.height, top + height) - max(found.y, top)
-    shared = max(0.0, across) * max(0.0, down)
-    return shared / (found.width * found.height + width * height - shared)
 
 
 def _hit(answer: object, box: list[float]) -> bool:

@@ -228,10 +228,10 @@ def _overlap_of(clip: Clip, detector: str) -> float:
     if true is None or frame < clip.first:
         return float("nan")
     found = box[frame]
-    return 0.0 if np.isnan(found).any() else _overlap(tuple(map(float, found)), true)
+    return 0.0 if np.isnan(found).any() else overlap(tuple(map(float, found)), true)
 
 
-def _overlap(first: tuple[float, ...], second: Box) -> float:
+def overlap(first: Sequence[float], second: Sequence[float]) -> float:
     """Return the intersection of two boxes (left, top, width, height) over their union."""
     sides = []
     for at in (0, 1):
