@@ -46,8 +46,6 @@ _MOST_TICKS = 6  # numbers on the time axis
 
 
 class _Scale(NamedTuple):
-    """The vertical scale of the plot."""
-
     top: float  # decades from a ratio of 1 to the upper edge
     levels: dict[int, str]  # names of horizontal lines, by the decade of the line
 

@@ -335,12 +335,7 @@ def _manifest_of(path: Path | None) -> Manifest | None:
 def _clip_of(result: BaseResult, manifest: Manifest) -> Label | None:
     """Return the label of a result's clip; None if the manifest has no clip of this name.
 
-    Of several clips of one name, the path in the sidecar decides.
-
-    Raises
-    ------
-    ResultError
-        If the path is that of none of them.
+    Of several clips of one name, the path in the sidecar decides; a ResultError if it is none's.
     """
     found = [each for each in manifest.entries if each.path.name == result.title]
     if len(found) > 1:

@@ -363,7 +363,6 @@ def _plot_small_lines(
 
 
 def _name_small(panel: Axes, curve: TuningCurve, largest: float) -> None:
-    """Write the title of a small panel."""
     name = f"{curve.name}\npeak {short_number(largest)} ({curve.detector.unit}){curve.doubts}"
     panel.set_title(wrapped(name, _SMALL), fontsize=6, pad=2)
     panel.tick_params(labelsize=6)

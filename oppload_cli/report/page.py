@@ -58,8 +58,6 @@ class Curve(NamedTuple):
 
 
 class _AlarmSpan(NamedTuple):
-    """A time in which an alarm is on."""
-
     curve: Curve
     first: int  # row
     last: int  # row

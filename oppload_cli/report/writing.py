@@ -100,8 +100,6 @@ class _Report:
 
 
 class _Item(NamedTuple):
-    """A page to write."""
-
     result: BaseResult | Path
     page: Path
     title: str
@@ -384,8 +382,6 @@ def _policy(*scripts: str) -> str:
 
 @dataclass(frozen=True)
 class _VideoCopy:
-    """The copy of a video."""
-
     times_s: NDArray[np.float64]  # of the frame of each row; NaN if the copy lacks the frame
     still: bytes  # the frame of one row as JPEG; empty if it was not decoded
     content: bytes | None  # the MP4; None if the copy is a file beside the page

@@ -239,8 +239,6 @@ class _Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class _Surroundings:
-    """A place."""
-
     pieces: tuple[_Piece, ...]  # in the order in which they are drawn
     haze: float  # luminance of the haze, and of pixels that show no surface
 

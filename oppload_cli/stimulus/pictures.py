@@ -144,7 +144,6 @@ def _box(random: np.random.Generator) -> tuple[Picture, Picture]:
 
 
 def _car(random: np.random.Generator) -> tuple[Picture, Picture]:
-    """Return a car from the front."""
     x, y = _grid(0.8)
     cabin = _block(x / (0.78 - 0.22 * np.clip((y - 0.1) / 0.6, 0, 1)), y - 0.4, 1, 0.4)
     body = _block(x, y + 0.24, 0.97, 0.4)

@@ -341,7 +341,6 @@ class _TexturePainter(_PatternPainter):
 
     @cached_property
     def _tile_deg(self) -> float:
-        """Side of the tile in degrees."""
         return max(self.height, self.width) / self.projection.scale
 
     @cached_property
