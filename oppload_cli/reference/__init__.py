@@ -31,24 +31,12 @@ BOTH_ENDS_OVER_ONE = (0.23 / 0.08, 0.23 / 0.05)
 
 @dataclass(frozen=True)
 class _Peak:
-    """One response peak.
+    """One response peak."""
 
-    Attributes
-    ----------
-    stimulus : str
-        E.g. ``bar_expand``.
-    axis_deg : float or None
-        Axis or direction of the stimulus, counter-clockwise, 0 = right.
-    width_deg : float or None
-        Width of the bar.
-    relative : float
-        Peak relative to that of the looming disk.
-    """
-
-    stimulus: str
-    axis_deg: float | None
-    width_deg: float | None
-    relative: float
+    stimulus: str  # such as ``bar_expand``
+    axis_deg: float | None  # axis or direction of the stimulus, counter-clockwise, 0 = right
+    width_deg: float | None  # of the bar
+    relative: float  # to the peak for the looming disk
 
 
 @cache
@@ -90,29 +78,15 @@ def bar_tuning(width_deg: float) -> dict[float, float]:
 
 @dataclass(frozen=True)
 class AngularThreshold:
-    """The angular threshold of one neuron, with its delay.
+    """The angular threshold of one neuron, with its delay."""
 
-    Attributes
-    ----------
-    neuron : str
-        Animal and neuron.
-    kind : str
-        ``lower limit`` or ``upper limit`` of a range over animals, or what was measured.
-    angle_deg, delay_ms : float
-        Angular threshold, and delay from it to the peak.
-    error_deg, error_ms : float
-        How far each may be off, because of its rounding.
-    place, source : str
-        Where in the source, and the source.
-    """
-
-    neuron: str
-    kind: str
+    neuron: str  # animal and neuron
+    kind: str  # ``lower limit`` or ``upper limit`` of a range over animals, or what was measured
     angle_deg: float
-    delay_ms: float
-    error_deg: float
+    delay_ms: float  # from the threshold to the peak
+    error_deg: float  # how far each may be off, because of its rounding
     error_ms: float
-    place: str
+    place: str  # in the source
     source: str
 
     @property

@@ -115,29 +115,18 @@ class Claim:
 
 @dataclass(frozen=True)
 class Built:
-    """One figure with its claims.
+    """One figure with its claims."""
 
-    Attributes
-    ----------
-    name, title, shows : str
-        Name for ``--only``, title on the page, and a sentence on the content of the figure.
-    figure : Figure or None
-        The drawn figure; None after :func:`build` made `pictures` of it, which are files by suffix.
-    rows : tuple of dict
-        The numbers of the figure, for its CSV file: an observation per row, by column.
-    settings : dict of str to str
-        By preset, the working height and the changed parameters.
-    """
-
-    name: str
-    title: str
-    shows: str
+    name: str  # for ``--only``
+    title: str  # on the page
+    shows: str  # a sentence on the content of the figure
     claims: tuple[Claim, ...]
-    figure: Figure | None
-    rows: tuple[Mapping[str, Any], ...]
+    figure: Figure | None  # None after :func:`build` made `pictures` of it
+    rows: tuple[Mapping[str, Any], ...]  # of the CSV file: an observation per row, by column
     notes: tuple[str, ...] = ()
+    # By preset, the working height and the changed parameters.
     settings: dict[str, str] = field(default_factory=dict)
-    pictures: dict[str, bytes] = field(default_factory=dict)
+    pictures: dict[str, bytes] = field(default_factory=dict)  # files by suffix
 
     def table(self) -> str:
         """Return the rows as CSV."""

@@ -25,23 +25,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Responses:
-    """The responses of one detector to the n frames of one stimulus.
+    """The responses of one detector to the n frames of one stimulus."""
 
-    Attributes
-    ----------
-    frame, time_s, response : ndarray, shape (n,)
-        Number, time and response of each frame; the response is NaN during warm-up.
-    centre : ndarray, shape (n, 2)
-        Centre (x, y) of the winning unit in stimulus pixels; NaN without a winning unit.
-    box : ndarray, shape (n, 4)
-        Receptive field of the winning unit: left, top, width and height in stimulus pixels.
-    """
-
-    frame: Series
-    time_s: Series
-    response: Series
-    centre: Series
-    box: Series
+    frame: Series  # (n,)
+    time_s: Series  # (n,)
+    response: Series  # (n,); NaN during warm-up
+    centre: Series  # (n, 2): of the winning unit, (x, y) in stimulus pixels; NaN without one
+    box: Series  # (n, 4): its receptive field: left, top, width and height in stimulus pixels
 
     @property
     def peak(self) -> int | None:

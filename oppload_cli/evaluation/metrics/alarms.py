@@ -53,27 +53,17 @@ class _Outcomes:
 
 
 class Thresholds:
-    """The alarms of a detector in clips, if its evidence is compared with a fixed threshold.
-
-    Attributes
-    ----------
-    levels : ndarray, shape (m,)
-        The thresholds: every local maximum of the evidence in footage without an approach, the
-        largest first. Evidence above a level is an alarm.
-    counts : ndarray, shape (clips, m)
-        Number of false alarms in each clip at each level.
-    minutes : ndarray, shape (clips,)
-        Minutes of footage without an approach in each clip.
-    peaks : ndarray, shape (clips,)
-        Largest evidence from onset to contact; NaN without an approach.
-    """
+    """The alarms of a detector in clips, if its evidence is compared with a fixed threshold."""
 
     def __init__(self, clips: Sequence[Clip], detector: str) -> None:
         self._clips, self._detector = clips, detector
-        self.minutes = _minutes(clips)
+        self.minutes = _minutes(clips)  # of footage without an approach, in each clip
         self._evidence = [clip.outputs[detector].evidence for clip in clips]
         quiet = [each[slice(*clip.quiet)] for each, clip in zip(self._evidence, clips, strict=True)]
+        # The thresholds: every local maximum of the evidence in footage without an approach, the
+        # largest first. Evidence above a level is an alarm.
         self.levels = np.unique(np.concatenate([_maxima(each) for each in quiet]))[::-1]
+        # Number of false alarms in each clip (row) at each level (column).
         self.counts = np.array(
             [
                 _counts(each, clip.time_s[slice(*clip.quiet)], self.levels)
@@ -81,6 +71,7 @@ class Thresholds:
             ],
             np.float64,  # NumPy multiplies floats many times faster than integers
         ).reshape(len(clips), len(self.levels))
+        # Largest evidence from onset to contact in each clip; NaN without an approach.
         self.peaks = np.array(
             [
                 np.fmax.reduce(each[slice(*clip.approach)], initial=np.nan)

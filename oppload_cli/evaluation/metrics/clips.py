@@ -32,45 +32,28 @@ AHEAD = (0, 4, 8, 12)  # frames before contact
 
 @dataclass(frozen=True)
 class Label:
-    """The facts about a clip from a manifest or a ground truth.
+    """The facts about a clip from a manifest or a ground truth."""
 
-    Attributes
-    ----------
-    name : str
-        The name of the clip in its manifest.
-    onset, contact : int or None
-        First and last frame of the approach; None without an approach.
-    motion : str
-        Kind of motion of a clip without an approach.
-    boxes : dict of int to Box
-        By frame, the object in source pixels. Of several looming objects of a stimulus, the object
-        is the one that arrives first.
-    contacts : dict of int to float
-        By frame, the true time to contact in seconds of the looming object that arrives first, if
-        the time is known.
-    conditions : dict of str to str
-        Values by which clips of stimuli are grouped, such as the speed.
-    contact_times : tuple of float
-        True times of contact of all approaching objects, in seconds and rising; an object may stop
-        growing before its contact. If empty, contact is at the time of the frame `contact`.
-    since : int
-        First frame that counts. If a video shows several approaches, each of them is a clip. The
-        first clip counts from frame 0, so that it has the footage without an approach. A later
-        clip counts from its onset.
-    video : int or None
-        A number that all clips of one video share; None if the video has a single clip.
-    """
-
-    name: str
-    onset: int | None = None
-    contact: int | None = None
-    motion: str = ""
+    name: str  # in the manifest
+    onset: int | None = None  # first frame of the approach; None without an approach
+    contact: int | None = None  # last frame of the approach
+    motion: str = ""  # kind of motion of a clip without an approach
+    # By frame, the object in source pixels. Of several looming objects of a stimulus, the object is
+    # the one that arrives first.
     boxes: dict[int, Box] = field(default_factory=dict)
+    # By frame, the true time to contact in seconds of the looming object that arrives first, if the
+    # time is known.
     contacts: dict[int, float] = field(default_factory=dict)
+    # Values by which clips of stimuli are grouped, such as the speed.
     conditions: dict[str, str] = field(default_factory=dict)
+    # True times of contact of all approaching objects, in seconds and rising; an object may stop
+    # growing before its contact. If empty, contact is at the time of the frame `contact`.
     contact_times: tuple[float, ...] = ()
+    # First frame that counts. If a video shows several approaches, each of them is a clip. The
+    # first clip counts from frame 0, so that it has the footage without an approach. A later clip
+    # counts from its onset.
     since: int = 0
-    video: int | None = None
+    video: int | None = None  # a number that all clips of one video share; None for a single clip
 
     @property
     def looming(self) -> bool:
@@ -85,33 +68,21 @@ class Label:
 
 @dataclass(frozen=True)
 class Output:
-    """The output of one detector for one clip.
+    """The output of one detector for the n frames of one clip."""
 
-    Attributes
-    ----------
-    response : ndarray, shape (n,)
-        Per frame, at least 0; NaN during warm-up.
-    evidence : ndarray, shape (n,)
-        The number that the alarm compares with its threshold: the response, or shortly before
-        contact a multiple of the response.
-    alarm : ndarray of bool, shape (n,), or None
-        Whether the detector's own alarm is on; None if its alarms are off, as under a preset
-        without an alarm.
-    winner : ndarray, shape (n, 4), or None
-        Left, top, width and height of the winning unit's receptive field in source pixels; NaN in
-        frames without a winning unit; None for a detector without units.
-    box : ndarray, shape (n, 4), or None
-        Box of the strongest looming object that the detector finds, in the same form.
-    contact_s : ndarray, shape (n,), or None
-        Time to contact of that object in seconds; NaN if the detector gives none.
-    """
-
-    response: Numbers
+    response: Numbers  # (n,), at least 0; NaN during warm-up
+    # (n,): the number that the alarm compares with its threshold: the response, or shortly before
+    # contact a multiple of the response.
     evidence: Numbers
+    # (n,): whether the detector's own alarm is on; None if its alarms are off, as under a preset
+    # without an alarm.
     alarm: Flags | None
+    # (n, 4): left, top, width and height of the winning unit's receptive field in source pixels;
+    # NaN in frames without a winning unit; None for a detector without units.
     winner: Numbers | None = None
+    # (n, 4): box of the strongest looming object that the detector finds, in the same form.
     box: Numbers | None = None
-    contact_s: Numbers | None = None
+    contact_s: Numbers | None = None  # (n,): time to contact of that object; NaN if not given
 
 
 class Window(NamedTuple):
@@ -277,21 +248,15 @@ def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Number
 
 
 class Curves(NamedTuple):
-    """The ROC curve and the precision-recall curve.
+    """The ROC curve and the precision-recall curve, over m + 1 thresholds.
 
     The first threshold is above all scores; the other thresholds are the scores, the largest first.
-
-    Attributes
-    ----------
-    false_rate, true_rate : ndarray, shape (m + 1,)
-        Share of the negative and of the positive windows with a score of at least the threshold.
-    precision : ndarray, shape (m + 1,)
-        Share of positive windows among all windows with such a score; 1 if there are none.
     """
 
+    # Share of the negative and of the positive windows with a score of at least the threshold.
     false_rate: Numbers
     true_rate: Numbers
-    precision: Numbers
+    precision: Numbers  # share of positive windows among all such windows; 1 if there are none
 
     @property
     def auc(self) -> float:
