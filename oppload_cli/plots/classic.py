@@ -355,10 +355,7 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
 def _contrast(tuning: Tuning, luminance: Series) -> Series:
     """Return the contrast of an object's luminance to the ground in %, as the frames show it.
 
-    Raises
-    ------
-    ResultError
-        If the luminance of the ground is not known, or the ground is black.
+    Raises ResultError if the luminance of the ground is not known, or the ground is black.
     """
     first = first_stimulus(tuning)
     try:

@@ -326,18 +326,7 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
     panel, only its label is drawn. If inputs of the panel have different times, each line has the
     colour of its curve.
     """
-    truth = shared_truth(curves)
-    of_inputs = {curve.number: curve for curve in curves}.values()
-    other_contacts: list[float] = []  # of other objects in the ground truth
-    marks = {
-        label: {curve: times[curve.number] for curve in of_inputs}
-        for label, times in options.marks.items()
-    }
-    if options.align or not any(time is not None for time in marks.get("contact", {}).values()):
-        contact = stated_contact(truth) if truth else None
-        marks["contact"] = {each: each.zero_s if options.align else contact for each in of_inputs}
-        contacts = contacts_of(truth) if truth else []
-        other_contacts = [time - curves[0].zero_s for time in contacts if time != contact]
+    marks, other_contacts = _marks_of(curves, options)
     first, last = axes[0].get_xlim()
 
     def draw_line(time: float, colour: str) -> None:
@@ -379,6 +368,28 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
     axes[0].set_xlim(first, last)
 
 
+def _marks_of(
+    curves: Sequence[Curve], options: CurveOptions
+) -> tuple[dict[str, dict[Curve, float | None]], list[float]]:
+    """Return the labelled times of a panel by label and input, and the contacts of other objects.
+
+    A contact comes from the user, or else from the ground truth that the inputs share.
+    """
+    truth = shared_truth(curves)
+    of_inputs = {curve.number: curve for curve in curves}.values()
+    other_contacts: list[float] = []
+    marks = {
+        label: {curve: times[curve.number] for curve in of_inputs}
+        for label, times in options.marks.items()
+    }
+    if options.align or not any(time is not None for time in marks.get("contact", {}).values()):
+        contact = stated_contact(truth) if truth else None
+        marks["contact"] = {each: each.zero_s if options.align else contact for each in of_inputs}
+        contacts = contacts_of(truth) if truth else []
+        other_contacts = [time - curves[0].zero_s for time in contacts if time != contact]
+    return marks, other_contacts
+
+
 class _Place(NamedTuple):
     """The place of a label: its ends as shares of the panel's width, and its row from the top."""
 
@@ -411,16 +422,10 @@ def _free_place(
 ) -> _Place | None:
     """Return the first place beside a vertical line where a label covers no label and no curve.
 
-    Parameters
-    ----------
-    share, width : float
-        Place of the vertical line and width of the label, as shares of the panel's width.
-    top : float
-        Upper end of the first row, as a share of the panel's height.
-    right : bool
-        Whether the right side of the line is tried first.
-    taken, lines
-        Places of other labels, and the curves from :func:`_curves_of`.
+    `share` and `width` are the place of the line and the width of the label, as shares of the
+    panel's width; `top` is the upper end of the first row, as a share of its height. If `right`,
+    the right side of the line is tried first. `taken` are the places of other labels, and `lines`
+    the curves from :func:`_curves_of`.
     """
     sides = [right, not right] if width <= share <= 1 - width else [right]
     for row, side in product(range(_ROWS), sides):

@@ -42,21 +42,11 @@ _ANOTHER_TUNING = "give a table of 'oppload tune'"
 
 @dataclass(frozen=True, eq=False)
 class BaseResult:
-    """The table and the sidecar of one input; :class:`oppload_cli.Result` also has detections.
+    """The table and the sidecar of one input; :class:`oppload_cli.Result` also has detections."""
 
-    Attributes
-    ----------
-    path : Path
-        The CSV file.
-    frames : DataFrame
-        A row per frame; empty cells are NaN.
-    sidecar : dict
-        The content of the sidecar; empty if there is none.
-    """
-
-    path: Path
-    frames: pd.DataFrame
-    sidecar: dict[str, Any] = field(default_factory=dict)
+    path: Path  # of the table
+    frames: pd.DataFrame  # a row per frame; empty cells are NaN
+    sidecar: dict[str, Any] = field(default_factory=dict)  # empty if there is none
 
     @property
     def stem(self) -> str:

@@ -316,10 +316,7 @@ def _of_file(entry: Entry, member: str) -> Entry:
 def _by_part(wanted: str, known: tuple[Entry, ...]) -> list[Entry]:
     """Return the only entry or member whose name ends with `wanted`, or else contains it.
 
-    Raises
-    ------
-    StimulusError
-        If there are several.
+    Raises StimulusError if there are several.
     """
     entry_of = {entry.name: entry for entry in known}
     if any(name.startswith(f"{wanted}/") for name in entry_of):  # a folder

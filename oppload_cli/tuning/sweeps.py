@@ -162,28 +162,7 @@ def sweeps(
         If there is no such stimulus, or if nothing is swept.
     """
     if stimulus is not None:
-        named = _entry_named(stimulus)
-        changes = named.in_full(changes)
-        own = named.with_settings(changes)
-        entry = _swept(own, over)
-        for key in changes:
-            if over and key in entry.sweep:
-                raise ParameterError(f"--change {key}: --over sweeps it; leave one of the two out")
-        replaced = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else set()
-        for key in sorted(replaced):
-            first, *others = own.sweep[key]
-            if not others:  # a single value is no sweep that --over could replace
-                entry = replace(entry.with_settings({key: first}), sweep=entry.sweep)
-                replaced.remove(key)
-            elif key in changes:
-                raise ParameterError(
-                    f"--change {key}: gives several values beside --over; give one of them, or "
-                    f"sweep them with --over {key}=..."
-                )
-        values = {key: value_at(entry.table, key) for key in sorted(replaced)}
-        fixed = {key: value for key, value in values.items() if value is not None}
-        changes = {key: value for key, value in changes.items() if key not in entry.sweep}
-        return [Sweep(entry, resolve(**settings), fixed=fixed, changes=changes)]
+        return [_sweep_of(stimulus, changes, over, settings)]
     classic = _figures_named(figures)
     if over and len(classic) > 1:
         raise ParameterError("--over needs exactly one --figure; give one of them")
@@ -196,6 +175,34 @@ def sweeps(
         stated = entry.in_full(changes)
         found.append(Sweep(entry, resolved, figure.presentations, words, changes=stated))
     return found
+
+
+def _sweep_of(
+    stimulus: str, changes: dict[str, Any], over: Sequence[str], settings: Mapping[str, Any]
+) -> Sweep:
+    """Return the sweep of a stimulus; the arguments are those of `sweeps`."""
+    named = _entry_named(stimulus)
+    changes = named.in_full(changes)
+    own = named.with_settings(changes)
+    entry = _swept(own, over)
+    for key in changes:
+        if over and key in entry.sweep:
+            raise ParameterError(f"--change {key}: --over sweeps it; leave one of the two out")
+    replaced = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else set()
+    for key in sorted(replaced):
+        first, *others = own.sweep[key]
+        if not others:  # a single value is no sweep that --over could replace
+            entry = replace(entry.with_settings({key: first}), sweep=entry.sweep)
+            replaced.remove(key)
+        elif key in changes:
+            raise ParameterError(
+                f"--change {key}: gives several values beside --over; give one of them, or "
+                f"sweep them with --over {key}=..."
+            )
+    values = {key: value_at(entry.table, key) for key in sorted(replaced)}
+    fixed = {key: value for key, value in values.items() if value is not None}
+    changes = {key: value for key, value in changes.items() if key not in entry.sweep}
+    return Sweep(entry, resolve(**settings), fixed=fixed, changes=changes)
 
 
 def _figures_named(names: Sequence[str]) -> dict[str, _Classic]:
