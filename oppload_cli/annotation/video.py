@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.colour import Bgr
-    from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
+    from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video
 
 
@@ -33,18 +33,8 @@ class _Frames:
     """Passes the frames of a video on to the detectors, and keeps their pictures."""
 
     def __init__(self, video: Video) -> None:
-        self._video = video
+        self.facts, self.working, self._video = video.facts, video.working, video
         self._waiting: deque[Frame] = deque()
-
-    @property
-    def facts(self) -> InputFacts:
-        """The facts of the input."""
-        return self._video.facts
-
-    @property
-    def working(self) -> WorkingSize:
-        """The working size of the frames."""
-        return self._video.working
 
     def __iter__(self) -> Iterator[Frame]:
         for frame in self._video:
