@@ -43,12 +43,9 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from oppload_cli.models.detector import Detector
-    from oppload_cli.results.reading import Tuning
-
-    Series = NDArray[np.float64]
+    from oppload_cli.results.reading import Series, Tuning
 
 _NARROW = 28  # characters in a line above one of two panels side by side
 _NARROWEST = 20  # beside a colour bar
@@ -210,7 +207,7 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def _half_distance(x: Series, y: Series, share: NDArray[np.float64]) -> str:
+def _half_distance(x: Series, y: Series, share: Series) -> str:
     """Return in words the mean distance from its peak at which a map has fallen to half.
 
     The distance is the mean over the directions right, left, up and down. In each of them, a line

@@ -34,11 +34,9 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    from oppload_cli.results.reading import Tuning
-
-    Series = NDArray[np.float64]
+    from oppload_cli.results.reading import Series, Tuning
 
 
 class PeakTimes(NamedTuple):

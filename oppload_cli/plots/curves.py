@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -51,14 +51,10 @@ if TYPE_CHECKING:
     from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
-    from numpy.typing import NDArray
 
     from oppload_cli.plots.panels import Curve
-    from oppload_cli.results.reading import BaseResult
-
-    Series = NDArray[np.float64]
-    Truth = dict[str, Any]
-
+    from oppload_cli.results.reading import BaseResult, Series
+    from oppload_cli.results.truths import Truth
 
 _MOST_CURVES = 6  # in a figure with a line of the legend for each curve
 _MOST_PANELS = 24  # results with a small panel each; more results are a heat map

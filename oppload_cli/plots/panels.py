@@ -28,13 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import BaseResult
-
-    Series = NDArray[np.float64]
-    Truth = dict[str, Any]
-
+    from oppload_cli.results.reading import BaseResult, Series
+    from oppload_cli.results.truths import Truth
 
 SCALES = ("threshold", "peak", "raw")
 FLOOR = 0.01  # of the threshold; smaller responses are drawn at this level

@@ -38,12 +38,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
-    from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import Tuning
-
-    Series = NDArray[np.float64]
-
+    from oppload_cli.results.reading import Series, Tuning
 
 _TURN = 2 * np.pi
 _POLAR = {"projection": "polar"}

@@ -19,13 +19,9 @@ from oppload_cli.results.truths import contacts_of, find_truth, size_in
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from oppload_cli.results.reading import BaseResult, Series
 
-    from oppload_cli.results.reading import BaseResult
-
-    Series = NDArray[np.float64]
     _Boxes = dict[int, list[list[Any]]]
-
 
 _DIGITS = 4  # of a number in the page; the table has all digits
 _PARTS = ("input", "working", "decode", "tool")  # of the sidecar, among the settings

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    Series = NDArray[np.float64]  # a value for each row of a table
+
 
 _SUFFIXES = (f"{TABLE}{PART}", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
@@ -368,7 +370,7 @@ def _holds_images(path: Path) -> bool:
     return is_folder(path) or bool(NUMBER.search(path.name) and is_folder(path.parent))
 
 
-def result_threshold(result: BaseResult, name: str) -> NDArray[np.float64]:
+def result_threshold(result: BaseResult, name: str) -> Series:
     """Return the threshold of a detector's alarm in each frame of a result.
 
     Parameters
@@ -398,7 +400,7 @@ def result_threshold(result: BaseResult, name: str) -> NDArray[np.float64]:
     return threshold
 
 
-def known_threshold(result: BaseResult, name: str) -> NDArray[np.float64] | None:
+def known_threshold(result: BaseResult, name: str) -> Series | None:
     """Return :func:`result_threshold` with NaN in place of 0; None if the alarms were off."""
     if f"{name}_alarm" not in result.frames.columns:
         return None
