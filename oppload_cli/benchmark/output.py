@@ -85,7 +85,7 @@ class Benchmark:
         evaluated: Sequence[EvaluatedDetector],
         clips: Evaluation | None = None,
     ) -> None:
-        self.shown, self.detectors, self.clips = shown, list(evaluated), clips
+        self.shown, self.clips = shown, clips
         self.names = [each.name for each in evaluated]
         self.alarms_on = {each.name: each.alarm.on for each in evaluated}
         found = {
