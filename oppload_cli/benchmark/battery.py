@@ -62,18 +62,14 @@ TABLES = (
 
 @dataclass(frozen=True)
 class BatteryColumn:
-    """One column of a table, with one stimulus of the catalogue or several.
+    """One column of a table, with one stimulus of the catalogue or several."""
 
-    `table` is the name of the table, and `label` the heading of the column. `settings` has changed
-    values of the protocol by key; a list of values gives a stimulus for each value. The `kind` is
-    ``looming`` if an alarm is right, ``control`` if it is a false alarm.
-    """
-
-    table: str
-    label: str
+    table: str  # its name
+    label: str  # the heading
     stimulus: str
+    # Changed values of the protocol by key; a list of values gives a stimulus for each value.
     settings: dict[str, Any] = field(default_factory=dict)
-    kind: str = LOOMING
+    kind: str = LOOMING  # an alarm is right; with ``control``, it is a false alarm
 
     def protocols(self) -> list[Protocol]:
         """Return the protocols of the stimuli."""
@@ -173,16 +169,12 @@ def columns_of(tables: Sequence[str]) -> list[BatteryColumn]:
 
 @dataclass(frozen=True)
 class Measured:
-    """The measurement of one detector, ``NAME`` or ``NAME:PRESET``, on one stimulus.
+    """The measurement of one detector on one stimulus."""
 
-    `peak` is the largest response, at `peak_time_s`; None if there was no response. `alarms` is
-    how often the alarm went on, first at `first_alarm_s`.
-    """
-
-    detector: str
-    peak: float | None
+    detector: str  # ``NAME`` or ``NAME:PRESET``
+    peak: float | None  # the largest response; None if there was no response
     peak_time_s: float | None
-    alarms: int
+    alarms: int  # how often the alarm went on
     first_alarm_s: float | None
 
 

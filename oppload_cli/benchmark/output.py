@@ -42,34 +42,26 @@ _FILES = ("stimuli.csv", "summary.csv", _SIDECAR, "benchmark.html")
 
 
 class _Cells(NamedTuple):
-    """One column of a table for one detector.
+    """One column of a table for one detector."""
 
-    `over_loom` is the largest response to the stimuli of the column, divided by the response to the
-    looming disk. `alarmed` is the number of these `stimuli` with an alarm.
-    """
-
-    over_loom: float
-    alarmed: int
+    over_loom: float  # largest response over the response to the looming disk
+    alarmed: int  # number of the stimuli with an alarm
     stimuli: int
 
 
 class _Summary(NamedTuple):
-    """The results of one detector over all stimuli shown: a row of ``summary.csv``.
+    """The results of one detector over all stimuli shown: a row of ``summary.csv``."""
 
-    `auc` is the probability that the peak for a looming stimulus is larger than that for a control;
-    0.5 is chance. The numbers of stimuli with an alarm are None if the detector's alarms are off.
-    `largest_control` is the label of the control with the largest response.
-    `cost_ms` is the time for a frame of 427 x 240 on one core.
-    """
-
+    # Probability that the peak for a looming stimulus is larger than that for a control; 0.5 is
+    # chance.
     auc: float
-    looming_alarmed: int | None
+    looming_alarmed: int | None  # stimuli with an alarm; None if the detector's alarms are off
     looming: int
     controls_alarmed: int | None
     controls: int
     largest_control_over_loom: float
-    largest_control: str
-    cost_ms: float | None
+    largest_control: str  # label of the control with the largest response
+    cost_ms: float | None  # time for a frame of 427 x 240 on one core
 
 
 class Benchmark:

@@ -23,15 +23,10 @@ _USUAL_PRESETS = (DEFAULT_PRESET, "reference")
 
 @dataclass(frozen=True)
 class EvaluatedDetector:
-    """A detector with its working height in pixels and all of its parameters.
+    """A detector with its working height in pixels and all of its parameters."""
 
-    `name` is ``NAME``, or ``NAME:PRESET`` of a detector that presets change; `meaning` describes
-    the preset or the detector in a line. `repeats` says how the detector treats repeats, and `time`
-    is its time base.
-    """
-
-    name: str
-    meaning: str
+    name: str  # ``NAME``, or ``NAME:PRESET`` of a detector that presets change
+    meaning: str  # of the preset or the detector, in a line
     height: int
     params: Parameters
     alarm: AlarmParams

@@ -44,22 +44,16 @@ _MOST_REASONS = 10  # in the message that no clip can be used
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The outcome of `evaluate`: the analysed clips and all measurements.
-
-    `entries` are the rows of the manifest whose clips could be used, and `clips` has the clip of
-    each entry. `performances` has the performance of each detector by name; `measurements` has the
-    measurements of all detectors, then those of ``frame_centre``. `faults` has a sentence for each
-    fault of the manifest and its clips. `draws` is the number of draws of the bootstrap.
-    """
+    """The outcome of `evaluate`: the analysed clips and all measurements."""
 
     manifest: Manifest
     detectors: list[EvaluatedDetector]
-    entries: list[Entry]
-    clips: list[Clip]
-    performances: dict[str, Performance]
-    measurements: list[Measurement]
-    faults: list[str]
-    draws: int
+    entries: list[Entry]  # the rows of the manifest whose clips could be used
+    clips: list[Clip]  # of each entry
+    performances: dict[str, Performance]  # by the name of the detector
+    measurements: list[Measurement]  # of all detectors, then of ``frame_centre``
+    faults: list[str]  # a sentence for each fault of the manifest and its clips
+    draws: int  # of the bootstrap
 
 
 def evaluate(

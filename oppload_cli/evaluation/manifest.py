@@ -31,31 +31,23 @@ _USUAL_BOXES = "boxes.json"
 
 @dataclass(frozen=True)
 class Entry:
-    """A usable row of a manifest, with its number (the header is row 1) and its label.
+    """A usable row of a manifest."""
 
-    `path` is the clip, or the protocol of a stimulus to draw.
-    """
-
-    row: int
-    path: Path | Protocol
+    row: int  # its number; the header is row 1
+    path: Path | Protocol  # the clip, or the protocol of a stimulus to draw
     label: Label
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """The content of a manifest, or a list of stimuli in the same form.
-
-    `entries` are the usable rows, and `faults` has a sentence for each row or box that cannot be
-    used. `rows` counts the rows below the header that are not empty; `names` has the clips of all
-    these rows. `notes` may have a sentence that names the ignored columns.
-    """
+    """The content of a manifest, or a list of stimuli in the same form."""
 
     path: Path
     entries: list[Entry]
-    faults: list[str] = field(default_factory=list)
-    rows: int = 0
-    names: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    faults: list[str] = field(default_factory=list)  # of rows and boxes that cannot be used
+    rows: int = 0  # below the header, without empty ones
+    names: tuple[str, ...] = ()  # the clips of all these rows
+    notes: tuple[str, ...] = ()  # maybe a sentence that names the ignored columns
 
 
 class _RowError(ValueError):

@@ -241,20 +241,15 @@ def _duration(minutes: float) -> str:
 
 
 class _Still(NamedTuple):
-    """A frame that the page shows, with the evidence over its clip.
-
-    `picture` is an address, or None if the frame could not be decoded again. `label` and `winner`
-    are the labelled box and the receptive field of the winning unit, in source pixels. `time` is
-    the time before contact, or the kind of motion.
-    """
+    """A frame that the page shows, with the evidence over its clip."""
 
     clip: Clip
     frame: int
-    picture: str | None
+    picture: str | None  # its address; None if the frame could not be decoded again
     label: Box | None
-    winner: tuple[float, ...] | None
+    winner: tuple[float, ...] | None  # the winning unit's receptive field, in source pixels
     strip: _Strip
-    time: str
+    time: str  # before contact, or the kind of motion
     evidence: str
 
 
@@ -314,15 +309,12 @@ def _parameters(detector: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _Moment(NamedTuple):
-    """A frame in which a detector was wrong: in a missed approach, or at its largest evidence.
+    """A frame in which a detector was wrong: in a missed approach, or at its largest evidence."""
 
-    `clip` is the position of the clip; the `threshold` gives the detector 1 false alarm per minute.
-    """
-
-    clip: int
+    clip: int  # its position
     frame: int
     detector: str
-    threshold: float
+    threshold: float  # that gives the detector 1 false alarm per minute
     missed: bool
 
 
@@ -385,16 +377,12 @@ def _jpeg(grey: MatLike) -> bytes:
 
 
 class _Strip(NamedTuple):
-    """Coordinates for a drawing of a detector's evidence over a clip, of `_WIDTH` x `_HEIGHT`.
+    """Coordinates for a drawing of a detector's evidence over a clip, of `_WIDTH` x `_HEIGHT`."""
 
-    `approach` has a left edge and a width, `points` are the evidence (x, y), `threshold` is a
-    height, and `now` is the x of the frame shown.
-    """
-
-    approach: tuple[float, float] | None
-    points: list[tuple[float, float]]
-    threshold: float | None
-    now: float
+    approach: tuple[float, float] | None  # left edge and width
+    points: list[tuple[float, float]]  # the evidence (x, y)
+    threshold: float | None  # its height
+    now: float  # x of the frame shown
 
 
 def _strip(clip: Clip, moment: _Moment) -> _Strip:

@@ -74,16 +74,12 @@ def _overall(verdicts: Iterable[Verdict]) -> Verdict:
 
 @dataclass(frozen=True)
 class Finding:
-    """The measurement for one preset, with its verdict by the rule of the claim.
+    """The measurement for one preset, with its verdict by the rule of the claim."""
 
-    `text` is a sentence with the numbers. `faint` has sentences on detectors that hardly respond,
-    from :func:`hardly`; it is empty if all detectors respond.
-    """
-
-    text: str
+    text: str  # a sentence with the numbers
     verdict: Verdict
     numbers: Mapping[str, float] = field(default_factory=dict)
-    faint: str = ""
+    faint: str = ""  # sentences of :func:`hardly` on detectors that hardly respond
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding ready for JSON; NaN and infinite numbers become null."""
@@ -100,17 +96,12 @@ class Finding:
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement of the paper, or our reading of the paper, in our own words.
-
-    `rule` says how the verdict follows from the measurement. `findings` has the finding for each
-    preset, or one under `NO_PRESET`. `source` has the paper's own words, and their place; it is
-    empty for our reading.
-    """
+    """One statement of the paper, or our reading of the paper, in our own words."""
 
     statement: str
-    rule: str
-    findings: dict[str, Finding]
-    source: str = ""
+    rule: str  # how the verdict follows from the measurement
+    findings: dict[str, Finding]  # by preset, or one under `NO_PRESET`
+    source: str = ""  # the paper's own words and their place; empty for our reading
 
 
 @dataclass(frozen=True)

@@ -200,14 +200,10 @@ def _alarms_in(above: Flags, time_s: Numbers) -> int:
 
 @dataclass(frozen=True)
 class Decision:
-    """A rule of alarm with its outcomes.
+    """A rule of alarm with its outcomes."""
 
-    `condition` names the rule, such as ``at 1 per minute``. `thresholds` has the threshold in each
-    clip; NaN for the alarm as shipped.
-    """
-
-    condition: str
-    thresholds: Numbers
+    condition: str  # the name of the rule, such as ``at 1 per minute``
+    thresholds: Numbers  # in each clip; NaN for the alarm as shipped
     outcomes: _Outcomes
     measurements: list[Measurement]
 

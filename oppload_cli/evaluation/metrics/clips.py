@@ -98,17 +98,13 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True)
 class Clip:
-    """A clip with its label, and the output of each detector by name.
-
-    `time_s`, of shape (n,), has the presentation times of the frames in seconds; `width` and
-    `height` are the size of the source in pixels.
-    """
+    """A clip with its label and the outputs of the detectors."""
 
     label: Label
-    time_s: Numbers
-    width: int
+    time_s: Numbers  # (n,): presentation times of the frames
+    width: int  # of the source in pixels
     height: int
-    outputs: dict[str, Output]
+    outputs: dict[str, Output]  # by detector
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -24,19 +24,15 @@ RULE_OF_THREE = 3.0  # upper bound (95 %) of the expected number of events if no
 
 
 class Measurement(NamedTuple):
-    """One row of ``evaluation.csv``.
-
-    `value` has an interval from `low` to `high`; NaN where they are not known. `n` is the number of
-    clips, windows, pairs or frames that were measured.
-    """
+    """One row of ``evaluation.csv``."""
 
     detector: str
     measure: str
     condition: str
     value: float
-    low: float
+    low: float  # bounds of the interval of the value; NaN where they are not known
     high: float
-    n: int
+    n: int  # number of clips, windows, pairs or frames that were measured
 
 
 class Estimate(NamedTuple):

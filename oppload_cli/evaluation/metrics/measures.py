@@ -52,16 +52,12 @@ _EACH_CLIP = slice(None)
 
 @dataclass(frozen=True)
 class Performance:
-    """All measurements of one detector.
-
-    `decisions` has a rule of alarm by its condition, such as ``at 1 per minute``. `curves` judge
-    the one-second windows. `thresholds` gives detections over false alarms.
-    """
+    """All measurements of one detector."""
 
     measurements: list[Measurement]
-    decisions: dict[str, Decision]
-    curves: Curves | None
-    thresholds: Thresholds
+    decisions: dict[str, Decision]  # by condition, such as ``at 1 per minute``
+    curves: Curves | None  # of the one-second windows
+    thresholds: Thresholds  # for detections over false alarms
 
 
 def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performance:
@@ -264,19 +260,14 @@ def _contact_error(clip: Clip, detector: str) -> float:
 
 
 class _Place(NamedTuple):
-    """The distance between the winning unit and the labelled box in one frame of clip `clip`.
+    """The distance between the winning unit and the labelled box in one frame."""
 
-    `near` tells whether the frame is at most 15 frames before contact. The distances are between
-    the centres of the unit and the box, in source pixels and in diagonals of the box; NaN without a
-    winning unit. `inside` tells whether the unit's centre is in the box enlarged 1.5 times.
-    """
-
-    clip: int
+    clip: int  # its position
     frame: int
-    near: bool
-    distance_px: float
-    distance_diagonals: float
-    inside: bool
+    near: bool  # whether the frame is at most 15 frames before contact
+    distance_px: float  # of the centres, in source pixels; NaN without a winning unit
+    distance_diagonals: float  # the same in diagonals of the box
+    inside: bool  # whether the unit's centre is in the box, enlarged 1.5 times
 
 
 def places(clips: Sequence[Clip], detector: str) -> list[_Place]:
