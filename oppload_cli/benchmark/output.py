@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.colors import LogNorm
 
-from oppload_cli.benchmark.battery import BATTERY, CONTROL, LOOMING, TABLES
+from oppload_cli.benchmark.battery import BATTERY, CONTROL, LOOMING, TABLES, BatteryTable, Shown
 from oppload_cli.environment import environment
 from oppload_cli.errors import OutputError
-from oppload_cli.evaluation.detectors import label_of
+from oppload_cli.evaluation.detectors import EvaluatedDetector, label_of
 from oppload_cli.evaluation.page import number
 from oppload_cli.files.atomic import output_errors, remove, write_atomic
 from oppload_cli.files.html import embedded, rendered
-from oppload_cli.files.tables import finite_text, open_csv
+from oppload_cli.files.tables import Cell, finite_text, open_csv
 from oppload_cli.models.registry import detectors
 from oppload_cli.plots.style import PAGE, SHADES, image_bytes, save, styled_figure
 from oppload_cli.results.table import write_sidecar
@@ -28,10 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from oppload_cli.benchmark.battery import BatteryTable, Shown
-    from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.evaluate import Evaluation
-    from oppload_cli.files.tables import Cell
 
 _SCHEMA = "oppload.benchmark/1"
 _DOTS = "dots: alarm, half a dot: for some stimuli"

@@ -14,11 +14,11 @@ import oppload_cli as oppload
 from oppload_cli.cli import check_display, say, show_file
 from oppload_cli.cli.options import check_models, complete_models, names_in
 from oppload_cli.errors import ExitCode, ParameterError, ResultError
-from oppload_cli.evaluation.manifest import read_manifest
+from oppload_cli.evaluation.manifest import Manifest, read_manifest
 from oppload_cli.files.atomic import PART
 from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
-from oppload_cli.results.reading import is_tuning, read_result
+from oppload_cli.results.reading import BaseResult, is_tuning, read_result
 from oppload_cli.results.truths import truth_fault
 from oppload_cli.video.inputs import parse_position
 
@@ -27,9 +27,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from oppload_cli.evaluation.manifest import Manifest
     from oppload_cli.evaluation.metrics.clips import Label
-    from oppload_cli.results.reading import BaseResult
 
 
 _CLASSIC_KINDS = ("contact", "position", "ends", "contrast", "habituation")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Never
 from oppload_cli.cli import on_terminal, progress_bar, say
 from oppload_cli.errors import counted, printable
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.alarms import MOST_IN_A_LINE, in_words, label_of, times, uncounted
+from oppload_cli.results.alarms import MOST_IN_A_LINE, Verdict, in_words, label_of, times, uncounted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from oppload_cli.pipeline.task import Outcome, Task
-    from oppload_cli.results.alarms import Verdict
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.source import Video
 

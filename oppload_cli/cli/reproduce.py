@@ -17,12 +17,10 @@ from oppload_cli.cli.options import (
 )
 from oppload_cli.files.atomic import claimed, refuse_existing, write_atomic
 from oppload_cli.processes import cores
-from oppload_cli.reproduction.claims import FIGURES, build, chosen, pages_of
+from oppload_cli.reproduction.claims import FIGURES, Built, build, chosen, pages_of
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from oppload_cli.reproduction.claims import Built
 
 
 @click.command(short_help="reproduce the synthetic figures of the OppLoD paper")

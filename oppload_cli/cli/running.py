@@ -20,7 +20,7 @@ from click.core import ParameterSource
 from oppload_cli import stimulus
 from oppload_cli.batch.plan import Failure, Tally, parse_shard, planned, read_list, write_failures
 from oppload_cli.cli import say
-from oppload_cli.cli.options import check_assignments, check_models
+from oppload_cli.cli.options import RunOptions, check_assignments, check_models
 from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, incomplete, report
 from oppload_cli.cli.report import write_pages
 from oppload_cli.compute import loops
@@ -40,20 +40,16 @@ from oppload_cli.models.detector import Detector
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.settings import resolve
-from oppload_cli.pipeline.task import IfExists, Interrupted, Outputs, Task, exists_already
+from oppload_cli.pipeline.settings import Settings, resolve
+from oppload_cli.pipeline.task import IfExists, Interrupted, Outcome, Outputs, Task, exists_already
 from oppload_cli.results.alarms import write_alarms
-from oppload_cli.video.inputs import GROUND_TRUTH, left_out
+from oppload_cli.video.inputs import GROUND_TRUTH, Span, left_out
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from fractions import Fraction
 
     from oppload_cli.batch.plan import Plan
-    from oppload_cli.cli.options import RunOptions
-    from oppload_cli.pipeline.settings import Settings
-    from oppload_cli.pipeline.task import Outcome
-    from oppload_cli.video.inputs import Span
     from oppload_cli.video.opening import Opening
 
 

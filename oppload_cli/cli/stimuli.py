@@ -18,13 +18,12 @@ from oppload_cli.cli.options import (
 )
 from oppload_cli.errors import ExitCode, OpploadError
 from oppload_cli.stimulus.catalogue import Entry, entries, find, in_toml, parsed_settings
-from oppload_cli.stimulus.protocol import json_schema
+from oppload_cli.stimulus.protocol import Protocol, json_schema
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from oppload_cli.stimulus.protocol import Protocol
 
 _INDENT = "\n" + 13 * " "  # before the second and further values of a fact
 # The keys of oppload_cli.video.writers.FORMATS; importing that module would slow down --help.

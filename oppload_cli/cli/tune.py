@@ -25,7 +25,7 @@ from oppload_cli.cli.options import (
 )
 from oppload_cli.cli.stimuli import say_remarks
 from oppload_cli.errors import ParameterError, ResultError
-from oppload_cli.files.atomic import claimed, refuse_existing
+from oppload_cli.files.atomic import PartFile, claimed, refuse_existing
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.processes import cores
 from oppload_cli.stimulus.catalogue import parsed_settings
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from oppload_cli.files.atomic import PartFile
     from oppload_cli.tuning.sweeps import Sweep
 
 

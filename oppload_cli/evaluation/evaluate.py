@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, groupby
@@ -16,8 +16,8 @@ import numpy as np
 
 from oppload_cli.errors import DetectorError, SourceError, StimulusError, counted
 from oppload_cli.evaluation.metrics.clips import Clip, Output, videos_of
-from oppload_cli.evaluation.metrics.intervals import DRAWS, draws_of
-from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, measured, of_places
+from oppload_cli.evaluation.metrics.intervals import DRAWS, Measurement, draws_of
+from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, Performance, measured, of_places
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
@@ -26,13 +26,10 @@ from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-    from contextlib import AbstractContextManager
 
     from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.manifest import Entry, Manifest
     from oppload_cli.evaluation.metrics.clips import Label, Numbers
-    from oppload_cli.evaluation.metrics.intervals import Measurement
-    from oppload_cli.evaluation.metrics.measures import Performance
     from oppload_cli.models.detector import Box
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.stimulus.protocol import Protocol

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.environment import environment
 from oppload_cli.evaluation.detectors import label_of
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, HELD_OUT, RATES, SHIPPED, SILENCE_S
-from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S
+from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S, Clip, Window
 from oppload_cli.evaluation.metrics.intervals import LEVEL, RULE_OF_THREE, SEED, Measurement
 from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
 from oppload_cli.evaluation.page import NO_VALUE, number, page_of
 from oppload_cli.evaluation.plots import PLOTS, figure_of
 from oppload_cli.files.atomic import PartFile, output_errors, remove, write_atomic
-from oppload_cli.files.tables import open_csv, plain_text
+from oppload_cli.files.tables import Cell, open_csv, plain_text
 from oppload_cli.models.detector import Box
 from oppload_cli.plots.style import image_bytes
 
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.evaluation.evaluate import Evaluation
-    from oppload_cli.evaluation.metrics.clips import Clip, Window
-    from oppload_cli.files.tables import Cell
 
 
 _SCHEMA = "oppload.evaluation/1"

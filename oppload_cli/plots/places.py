@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 from oppload_cli.errors import ResultError, SourceError
-from oppload_cli.models.detector import Box
+from oppload_cli.models.detector import Box, Detector
 from oppload_cli.models.registry import detector_named, detectors, placing_detector
 from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure, wrapped
 from oppload_cli.results.alarms import times
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import find_video, known_threshold
+from oppload_cli.results.reading import BaseResult, find_video, known_threshold
 from oppload_cli.results.table import SIDECAR
 from oppload_cli.results.truths import usable_truth
 from oppload_cli.video.inputs import Position, Span
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
-
-    from oppload_cli.models.detector import Detector
-    from oppload_cli.results.reading import BaseResult
 
     Still = NDArray[np.float32]
 

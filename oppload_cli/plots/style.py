@@ -6,8 +6,8 @@ import io
 import re
 import textwrap
 import warnings
-from collections.abc import Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
@@ -24,21 +24,17 @@ from oppload_cli import palette
 from oppload_cli.errors import ParameterError, counted, printable
 from oppload_cli.files.atomic import write_atomic
 from oppload_cli.models.registry import detector_named, known_names
-from oppload_cli.results.reading import Tuning
+from oppload_cli.results.reading import BaseResult, Tuning
 from oppload_cli.schema import Parameter, Table
 from oppload_cli.stimulus import Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.colorbar import Colorbar
     from numpy.typing import NDArray
-
-    from oppload_cli.results.reading import BaseResult
 
 
 T = TypeVar("T")

@@ -8,7 +8,7 @@ from itertools import cycle, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, Normalize
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.plots.classic import FIGURES, Request, TuningCurve, legend_above
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 

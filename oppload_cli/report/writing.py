@@ -16,7 +16,7 @@ from fractions import Fraction
 from functools import cache, partial
 from importlib.resources import files
 from itertools import chain, count
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
@@ -45,7 +45,6 @@ from oppload_cli.video.writers import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
 
     import av
     from numpy.typing import NDArray

@@ -19,19 +19,16 @@ from oppload_cli.files.html import embedded, rendered
 from oppload_cli.files.tables import csv_text, finite_text
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.models.registry import detector_named
-from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.tuning.present import present
+from oppload_cli.tuning.present import Responses, present
 from oppload_cli.tuning.run import faint
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from matplotlib.figure import Figure
-
-    from oppload_cli.pipeline.settings import Settings
-    from oppload_cli.tuning.present import Responses
 
 
 NO_PRESET = "any preset"

@@ -10,7 +10,7 @@ from oppload_cli.models.dpc import direction_mask, inhibition_kernels
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import detector_named
-from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import CYCLE, FAINT, SHADES, styled_figure
 from oppload_cli.reproduction.claims import (
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
-    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses
 

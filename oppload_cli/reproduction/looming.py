@@ -34,7 +34,7 @@ from oppload_cli.reproduction.claims import (
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.renderer import Renderer
-from oppload_cli.tuning.present import present
+from oppload_cli.tuning.present import Responses, present
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.tuning.present import Responses
 
     Shown = dict[str, dict[str, Responses]]  # by preset or stimulus, and by detector
     First = dict[str, dict[str, float]]  # by stimulus and detector, in s; infinite for never

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from oppload_cli.models.registry import detector_named, parameters_of
-from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, styled_figure
 from oppload_cli.reference import SOURCE, lplc2_peaks
 from oppload_cli.reproduction.bars import draw_beside_neurons
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.opplod_parameters import OpplodParams
-    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
 
     Series = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli.motion.flow import DenseFlow
-from oppload_cli.motion.rmo import rmo, rmo_metrics
+from oppload_cli.motion.rmo import RmoMetrics, rmo, rmo_metrics
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import CYCLE, FAINT, INK, styled_figure
 from oppload_cli.reproduction.claims import (
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from oppload_cli.motion.rmo import RmoMetrics
     from oppload_cli.stimulus.protocol import Protocol
 
     Point = NDArray[np.float64]

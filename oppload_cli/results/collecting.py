@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from oppload_cli.errors import NoResultError, ResultError
 from oppload_cli.files.atomic import refuse_existing
 from oppload_cli.files.reading import is_file, is_folder, reading
-from oppload_cli.files.tables import open_table, typed
+from oppload_cli.files.tables import Cell, open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.cells import check_frames, kind_of_column, read_table
@@ -28,8 +28,6 @@ from oppload_cli.schema import parsed_fraction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from oppload_cli.files.tables import Cell
 
     Row = dict[str, Cell]
 

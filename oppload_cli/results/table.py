@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.files.atomic import PartFile, output_errors, write_atomic
 from oppload_cli.files.reading import reading, text_of
-from oppload_cli.files.tables import formatted, rows_in
+from oppload_cli.files.tables import Cell, Value, formatted, rows_in
 from oppload_cli.models.columns import COMMON, COMMON_DETAILS, PLACE, RMO, VIEW, columns_of
 from oppload_cli.models.registry import detector_named
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
-    from oppload_cli.files.tables import Cell, Value
     from oppload_cli.models.detector import Box, Column, Response
     from oppload_cli.motion.rmo import RmoMetrics
 

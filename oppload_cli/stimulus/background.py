@@ -18,9 +18,9 @@ import numpy as np
 from oppload_cli.errors import OpploadError, StimulusError, reason_of, suggestion
 from oppload_cli.files.reading import is_file
 from oppload_cli.stimulus.patterns import noise_tile
-from oppload_cli.stimulus.staging import camera_of, view_of
+from oppload_cli.stimulus.staging import View, camera_of, view_of
 from oppload_cli.stimulus.surfaces import Placed, Surface, Texture
-from oppload_cli.stimulus.tables import SURROUNDINGS
+from oppload_cli.stimulus.tables import SURROUNDINGS, Display, Scene
 from oppload_cli.video.images import read_transparent
 from oppload_cli.video.inputs import IMAGE_SUFFIXES
 from oppload_cli.video.source import open_video
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from oppload_cli.stimulus.courses import Vector
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.stimulus.staging import View
-    from oppload_cli.stimulus.tables import Display, Scene
 
     Picture = NDArray[np.float32]
     Footage = tuple[tuple[float, ...], NDArray[np.uint8], float]

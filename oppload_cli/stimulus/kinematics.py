@@ -10,17 +10,11 @@ import bisect
 import math
 import random
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from oppload_cli.stimulus.courses import HIT_SIZES
 from oppload_cli.stimulus.geometry import Extent, Pose, Projection
-from oppload_cli.stimulus.objects import FIELDS, LOOMING
-from oppload_cli.stimulus.tables import exact_sum
-
-if TYPE_CHECKING:
-    from oppload_cli.stimulus.objects import Brightness, Growth, Motion, Object
-    from oppload_cli.stimulus.tables import Camera, ProtocolTables, Timing
-
+from oppload_cli.stimulus.objects import FIELDS, LOOMING, Brightness, Growth, Motion, Object
+from oppload_cli.stimulus.tables import Camera, ProtocolTables, Timing, exact_sum
 
 _Vector = tuple[float, float]
 _STILL: _Vector = (0.0, 0.0)

@@ -18,14 +18,13 @@ from typing import TYPE_CHECKING, Any, Self
 from oppload_cli.errors import StimulusError, suggestion
 from oppload_cli.schema import REQUIRED, Parameter, Table
 from oppload_cli.stimulus.kinematics import ROUNDING_S, motion_times, pose_of, reaches_field
-from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Object
+from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Motion, Object
 from oppload_cli.stimulus.staging import check_stage, enters
 from oppload_cli.stimulus.tables import TABLES, ProtocolTables
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from oppload_cli.stimulus.objects import Motion
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_FRAMES = 1_000_000

@@ -18,9 +18,9 @@ import numpy as np
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.background import Drawn, background_of
 from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
-from oppload_cli.stimulus.geometry import Projection, corners_of, exact
+from oppload_cli.stimulus.geometry import Pose, Projection, corners_of, exact
 from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
-from oppload_cli.stimulus.objects import GRATINGS, PICTURE
+from oppload_cli.stimulus.objects import GRATINGS, PICTURE, Object
 from oppload_cli.stimulus.patterns import (
     DotField,
     Tile,
@@ -31,7 +31,7 @@ from oppload_cli.stimulus.patterns import (
     square_wave,
 )
 from oppload_cli.stimulus.pictures import cutout_of, shadow_of
-from oppload_cli.stimulus.staging import camera_of, sight_of
+from oppload_cli.stimulus.staging import Sight, camera_of, sight_of
 from oppload_cli.stimulus.surfaces import Surface
 from oppload_cli.stimulus.truth import FrameTruth, frame_truth
 
@@ -40,10 +40,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.stimulus.geometry import Pose
-    from oppload_cli.stimulus.objects import Object
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.stimulus.staging import Sight
 
     Floats = NDArray[np.float64]
     Picture = NDArray[np.float32]

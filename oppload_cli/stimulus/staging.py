@@ -10,18 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.courses import HIT_SIZES, Line, Vector
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.kinematics import ROUNDING_S, is_drawn, motion_times, shaken
-from oppload_cli.stimulus.objects import PICTURE
-from oppload_cli.stimulus.tables import Camera
-
-if TYPE_CHECKING:
-    from oppload_cli.stimulus.objects import Object
-    from oppload_cli.stimulus.tables import ProtocolTables
+from oppload_cli.stimulus.objects import PICTURE, Object
+from oppload_cli.stimulus.tables import Camera, ProtocolTables
 
 NEAREST_M = 0.01  # a picture that is nearer to the camera is not drawn
 _DEFAULT_CAMERA = Camera()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import StimulusError
 from oppload_cli.files.reading import reading, text_of
-from oppload_cli.stimulus.geometry import Projection
+from oppload_cli.stimulus.geometry import Pose, Projection
 from oppload_cli.stimulus.kinematics import (
     aperture_centre,
     approach_contact,
@@ -17,7 +17,7 @@ from oppload_cli.stimulus.kinematics import (
     passes,
     pose_of,
 )
-from oppload_cli.stimulus.objects import FIELDS, LOOMING, PICTURE, SIZED
+from oppload_cli.stimulus.objects import FIELDS, LOOMING, PICTURE, SIZED, Object
 from oppload_cli.stimulus.pictures import cutout_of
 from oppload_cli.stimulus.staging import NEAREST_M, camera_of, contact_of, miss_of, sight_of
 from oppload_cli.version import __version__
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from oppload_cli.stimulus.geometry import Pose
-    from oppload_cli.stimulus.objects import Object
     from oppload_cli.stimulus.protocol import Protocol
 
 

@@ -13,16 +13,14 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, StimulusError, suggestion
-from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.results.reading import direction_of
-from oppload_cli.stimulus.catalogue import find
+from oppload_cli.stimulus.catalogue import Entry, find
 from oppload_cli.stimulus.keys import key_of, value_at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from oppload_cli.pipeline.settings import Settings
-    from oppload_cli.stimulus.catalogue import Entry
 
 _EVERY = "all"
 
