@@ -21,24 +21,20 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from oppload_cli import Opplod, OpplodResponse, analyse, open_video, stimulus
+from oppload_cli import FrameRecord, Opplod, OpplodResponse, analyse, open_video, stimulus
 from oppload_cli.detection.parameters import place_params
-from oppload_cli.detection.places import Places
-from oppload_cli.evaluation.manifest import read_manifest, with_boxes
+from oppload_cli.detection.places import Detection, Places
+from oppload_cli.evaluation.manifest import Entry, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.measures import overlap
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.sources import StimulusVideo
-from oppload_cli.stimulus.truth import frame_truth
+from oppload_cli.stimulus.truth import ObjectTruth, frame_truth
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from oppload_cli import FrameRecord
-    from oppload_cli.detection.places import Detection
-    from oppload_cli.evaluation.manifest import Entry
     from oppload_cli.models.detector import Box
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.stimulus.truth import ObjectTruth
     from oppload_cli.video.source import Video
 
 LAST_S = 0.5  # time before contact in which times to contact are compared

@@ -29,9 +29,9 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from oppload_cli.detection.parameters import alarm_params, place_params
-from oppload_cli.evaluation.detectors import evaluated_detectors
+from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
 from oppload_cli.evaluation.evaluate import outputs_of
-from oppload_cli.evaluation.manifest import read_manifest
+from oppload_cli.evaluation.manifest import Entry, read_manifest
 from oppload_cli.evaluation.metrics.alarms import shipped
 from oppload_cli.evaluation.metrics.clips import Clip
 from oppload_cli.evaluation.metrics.intervals import draws_of
@@ -50,8 +50,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.evaluation.detectors import EvaluatedDetector
-    from oppload_cli.evaluation.manifest import Entry
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.video.frames import Frame, FrameSource
