@@ -208,7 +208,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         stills=list(_stills(evaluation)),
         headline=_HEADLINE,
         allowed=int(minutes),
-        quiet=_duration(minutes),
+        quiet=f"{number(minutes)} minutes" if minutes >= 1.5 else f"{number(60 * minutes)} s",
         figures=_by_measure(report["figures"]),
         measured=list(dict.fromkeys(figure["contender"] for figure in report["figures"])),
         parameters=_parameters,
@@ -234,10 +234,6 @@ def number(value: float | None) -> str:
     if abs(value) >= 99.95:
         return f"{value:.0f}"
     return f"{value:.3g}" if abs(value) >= 0.995 else f"{value:.2g}"
-
-
-def _duration(minutes: float) -> str:
-    return f"{number(minutes)} minutes" if minutes >= 1.5 else f"{number(60 * minutes)} s"
 
 
 class _Still(NamedTuple):
