@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import ManifestError, ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors, evaluated_detectors
 from oppload_cli.evaluation.manifest import read_manifest, with_boxes
@@ -200,6 +201,10 @@ def test_settings_hold_for_all_evaluated_detectors() -> None:
         assert stated["height"] == was["height"]
         changed = {k for k, v in stated["parameters"].items() if v != was["parameters"][k]}
         assert changed == ({"cell"} if each.detector == "opplod" else set())
+    # With equal alarms, a detector and the baselines share a pass, also where one was changed.
+    alarms = [each.alarm for each in evaluated_detectors(["opplod"], None, ["opplod.cell=10"])]
+    assert len(alarms) > 1
+    assert all(each == alarm_params() for each in alarms)
     for wrong, reason in (
         ("lgmd2.threshold=1", "the evaluation has no parameter set 'lgmd2'; add a detector with"),
         ("places.most=1", "has no parameter set 'places'; add a detector with --model, or choose"),

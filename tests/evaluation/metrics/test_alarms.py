@@ -52,6 +52,17 @@ def test_an_alarm_at_one_frame_per_second_is_one_alarm_however_long() -> None:
     assert shipped([seen], NAME, draws_of([False], 1)).outcomes.false_alarms.tolist() == [2]
 
 
+def test_the_alarms_at_all_levels_are_those_at_each_level_also_at_uneven_times() -> None:
+    random = np.random.default_rng(4)
+    even = clip([0.0, 0.0, 0.0, *np.round(9 * random.random(200))])
+    time_s = np.cumsum(random.choice([0.03, 0.3, 1.0, 1.2], len(even), p=[0.5, 0.4, 0.05, 0.05]))
+    for seen in (even, replace(even, time_s=time_s)):
+        thresholds = Thresholds([seen], NAME)
+        each = [thresholds.outcomes(level).false_alarms[0] for level in thresholds.levels]
+        assert thresholds.counts[0].tolist() == each
+        assert max(each) > 3
+
+
 def test_the_threshold_is_the_lowest_that_keeps_to_a_rate() -> None:
     thresholds = Thresholds(CLIPS, NAME)
     assert thresholds.minutes == pytest.approx([1, 1, 0.5, 0.5])
