@@ -168,9 +168,9 @@ def _offsets(radius: int) -> tuple[Kernel, Kernel]:
 # ---- The layers ----------------------------------------------------------------------------
 
 
-def photoreceptors(luma: Map, before: Map, out: Map | None = None) -> Map:
+def photoreceptors(luma: Map, before: Map) -> Map:
     """Return ``P(t) = |L(t) - L(t-1)|`` (``docs/model.md``, section 1)."""
-    return np.asarray(cv2.absdiff(luma, before, dst=out), np.float32)
+    return np.asarray(cv2.absdiff(luma, before), np.float32)
 
 
 def _convolved(values: Map, kernel: Kernel) -> Map:

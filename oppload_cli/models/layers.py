@@ -54,7 +54,6 @@ class _PastFrame:
     mean: float = 0.0
     share: float = 1.0
     before: _PastFrame | None = None
-    coarse: Map | None = None
 
 
 class Photoreceptors:
@@ -85,7 +84,6 @@ class Photoreceptors:
         self.shape, self.stride = shape, stride
         self._clock = clock or Clock()
         self._nothing: Map = np.zeros(shape, np.float32)
-        self._free: list[Map] = []
         self.reset()
 
     def reset(self) -> None:
@@ -97,7 +95,6 @@ class Photoreceptors:
         self._rest = 0.0  # time of the latest frame without any change
         self._latest = _PastFrame(0.0)
         self._lumas: deque[tuple[_PastFrame, Map]] = deque()
-        self._kept: deque[_PastFrame] = deque()
 
     @property
     def _series(self) -> tuple[_PastFrame | None, ...]:
@@ -170,16 +167,10 @@ class Photoreceptors:
             rows, columns, side = height, width, 1
         top, left = (height - rows * side) // 2, (width - columns * side) // 2
         squares = np.s_[top : top + rows * side, left : left + columns * side]
-        averaged = []
-        for each, change in zip(self._series, self.maps, strict=True):
-            means = each.coarse if each else None
-            if means is None or means.shape != shape:
-                small = cv2.resize(change[squares], shape[::-1], interpolation=cv2.INTER_AREA)
-                means = np.asarray(small, np.float32)
-            if each:
-                each.coarse = means
-            averaged.append(means)
-        return averaged
+        return [
+            np.asarray(cv2.resize(each[squares], shape[::-1], interpolation=cv2.INTER_AREA))
+            for each in self.maps
+        ]
 
     def need(self, luma: Map) -> None:
         """Raise the FrameError that `step` would raise for this frame."""
@@ -202,7 +193,7 @@ class Photoreceptors:
         compared = self._compared_with(frame.at)
         if compared:
             frame.before, luma_before = compared
-            frame.change = photoreceptors(luma, luma_before, self._room())
+            frame.change = photoreceptors(luma, luma_before)
             frame.mean = cv2.mean(frame.change)[0]
             frame.share = nearly_one(self.stride / (frame.at - frame.before.at))
         if self._now is None or (compared and not frame.mean):
@@ -215,10 +206,10 @@ class Photoreceptors:
         return self.ready
 
     def _compared_with(self, now: float) -> tuple[_PastFrame, Map] | None:
-        """Return the frame to compare with, and its luminance; free the luminance of older ones."""
+        """Return the frame to compare with, and its luminance; forget the luminance before it."""
         lumas, wanted = self._lumas, now - self.stride
         while len(lumas) > 1 and lumas[1][0].at <= wanted + NEARLY_ONE * self.stride:
-            self._free.append(lumas.popleft()[1])
+            lumas.popleft()
         if not lumas:
             return None
         older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
@@ -233,25 +224,12 @@ class Photoreceptors:
 
     def _keep(self, frame: _PastFrame, luma: Map) -> None:
         """Keep a frame for later comparisons, unless it comes very soon after the last kept one."""
-        kept, before = self._kept, self._latest
-        if before.change is not None and before is not kept[-1]:
-            self._free.append(before.change)
         self._latest = frame
-        if kept and frame.at - kept[-1].at < self.stride / _MOST_KEPT:
-            return
-        copy = self._room()
-        np.copyto(copy, luma)
-        self._lumas.append((frame, copy))
-        kept.append(frame)
+        if not self._lumas or frame.at - self._lumas[-1][0].at >= self.stride / _MOST_KEPT:
+            self._lumas.append((frame, luma.copy()))
         oldest = self._series[-1]
-        while oldest and kept[0] is not oldest:
-            forgotten = kept.popleft()
-            forgotten.before = None
-            if forgotten.change is not None:
-                self._free.append(forgotten.change)
-
-    def _room(self) -> Map:
-        return self._free.pop() if self._free else np.empty(self.shape, np.float32)
+        if oldest and oldest.before:
+            oldest.before.before = None  # no later frame needs it
 
 
 class Dpc:

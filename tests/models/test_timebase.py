@@ -115,7 +115,7 @@ def test_of_very_many_frames_some_are_kept() -> None:
     layer = seen([t / 3000 for t in range(400)], frames)
     assert layer.ready
     assert layer.share == pytest.approx(1, rel=0.07)
-    assert len(layer._kept) <= 36
+    assert len(layer._lumas) <= 18
 
 
 def test_only_the_frames_of_the_latest_intervals_are_kept() -> None:
