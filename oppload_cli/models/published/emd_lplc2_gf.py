@@ -62,18 +62,16 @@ class EmdLplc2GfResponse(Response):
     collision: int = inner(0, "", "1 from the first spike on")
 
 
-def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: Plane) -> None:
+def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane) -> None:
     """Add the motion to the right and downwards between neighbouring pixels.
 
     This is Reichardt's correlation: the delayed signal of a pixel times the signal of its
-    neighbour, minus the same product for the opposite direction. `room`, one row and one column
-    smaller than the signal, takes intermediate results: a new array would take more time.
+    neighbour, minus the same product for the opposite direction.
     """
     here, late = signal[:-1, :-1], delayed[:-1, :-1]
-    neighbours = np.s_[:-1, 1:], np.s_[1:, :-1]
-    for way, there in enumerate(neighbours):
-        motion[way] += np.multiply(late, signal[there], out=room)
-        motion[way] -= np.multiply(here, delayed[there], out=room)
+    for way, there in enumerate((np.s_[:-1, 1:], np.s_[1:, :-1])):
+        motion[way] += late * signal[there]
+        motion[way] -= here * delayed[there]
 
 
 def _lplc2_units(right: Plane, down: Plane, field: int, threshold: float) -> Plane:
@@ -162,9 +160,7 @@ class EmdLplc2Gf(ChangeDetector):
         reduced = min(side, self.params.height)
         self._rows, self._columns = (round(each * reduced / side) for each in self.shape)
         self._field = self.params.receptive_field or 2 * round(reduced / 3)
-        size, between = (self._rows, self._columns), (self._rows - 1, self._columns - 1)
-        self._filtered, self._on, self._off, self._now = np.zeros((4, *size))
-        self._motions, self._room = np.zeros((2, *between)), np.zeros(between)
+        self._filtered, self._on, self._off = np.zeros((3, self._rows, self._columns))
         self._voltage, self._input, self._active, self._collision = _REST_MV, 0.0, 0, 0
 
     def at_rest(self) -> EmdLplc2GfResponse:
@@ -181,15 +177,13 @@ class EmdLplc2Gf(ChangeDetector):
 
     def _motion(self, change: Plane) -> Plane:
         """Return the motion to the right and downwards, the sum of the ON and the OFF signal's."""
-        filtered, now = self._filtered, self._now
-        filtered += change
-        filtered *= _HIGH_PASS
-        self._motions[:] = 0
+        self._filtered = (self._filtered + change) * _HIGH_PASS
+        motions = np.zeros((2, self._rows - 1, self._columns - 1))
         for low_passed, level, sign in ((self._on, 0, 1), (self._off, _OFF_LEVEL, -1)):
-            np.maximum(level + sign * filtered, 0, out=now)
+            now = np.maximum(level + sign * self._filtered, 0)
             cv2.addWeighted(now, _LOW_PASS, low_passed, 1 - _LOW_PASS, 0, dst=low_passed)
-            _add_elementary_motion(now, low_passed, self._motions, self._room)
-        return self._motions
+            _add_elementary_motion(now, low_passed, motions)
+        return motions
 
     def _fibre(self, units: Plane, motion: float) -> EmdLplc2GfResponse:
         height, width = units.shape

@@ -10,7 +10,14 @@ import numpy as np
 
 from oppload_cli.models.detector import Detector, Response, inner
 from oppload_cli.models.dpc import grey_levels
-from oppload_cli.models.published.parts import DECAY, EDGE, USUAL_RATE, low_pass_share
+from oppload_cli.models.published.parts import (
+    DECAY,
+    EDGE,
+    USUAL_RATE,
+    averaged,
+    low_pass_share,
+    positive,
+)
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -49,50 +56,36 @@ def _radial_bias(shape: tuple[int, int]) -> Map:
 class _Pathway:
     """T4 (from ON signals) or T5 (from OFF signals): motion in four directions, to a power.
 
-    `share` is the weight of the input in each low-passed value. All arrays are allocated only once,
-    because an allocation takes more time than the computation.
+    `share` is the weight of the input in each low-passed value.
     """
 
     def __init__(self, shape: tuple[int, int], exponent: float, share: float) -> None:
         self._exponent, self._share = exponent, share
         self._bias = _radial_bias(shape)
         self._spread = _gaussian_line(5, 5.0)
-        self._room, self._other, self._s = np.empty((3, *shape), np.float32)
         self._signal, self._delayed, self._contrast = np.zeros((3, *shape), np.float32)
         # Low-passed T of each pixel with its neighbour to the right, and with the one below.
         self._across, self._down = np.zeros((2, *shape), np.float32)
-        self._motion = np.zeros((4, *shape), np.float32)
 
     def step(self, change: Map) -> list[Map]:
-        """Return the motion to the right, left, down and up; the next frame overwrites it.
+        """Return the motion to the right, left, down and up.
 
         `change` is the band-passed change of luminance, towards ON or OFF.
         """
-        share = self._share
-        cv2.threshold(change, 0, 0, cv2.THRESH_TOZERO, dst=self._room)
-        cv2.scaleAdd(self._signal, DECAY, self._room, dst=self._signal)
-        _flush(self._signal)
-        s, d = _blurred(self._signal, self._spread, self._s), self._delayed
-        _flush(s)
-        cv2.addWeighted(s, share, d, 1 - share, 0, dst=d)
-        _flush(d)
+        share, bias = self._share, self._bias
+        self._signal = _flushed(cv2.scaleAdd(self._signal, DECAY, positive(change)))
+        s = _flushed(_blurred(self._signal, self._spread))
+        self._delayed = d = _flushed(cv2.addWeighted(s, share, self._delayed, 1 - share, 0))
         rise = self._rise(s)
         self._low_pass(self._across[:, :-1], s[:, :-1], s[:, 1:], d[:, :-1], d[:, 1:])
         self._low_pass(self._down[:-1], s[:-1], s[1:], d[:-1], d[1:])
         # T of a pixel with its left (upper) neighbour is -T of the neighbour with the pixel. T is 0
         # at the edge, because outside the frame the nearest pixel is repeated.
-        bias, motion = self._bias, self._motion
-        np.multiply(bias, self._across, out=motion[_RIGHT])
-        np.multiply(bias[:, 1:], self._across[:, :-1], out=motion[_LEFT][:, 1:])
-        np.multiply(bias, self._down, out=motion[_DOWN])
-        np.multiply(bias[1:], self._down[:-1], out=motion[_UP][1:])
-        motion[_LEFT][:, 0], motion[_UP][0] = 0, 0
-        for way, each in enumerate(motion):
-            if way in {_LEFT, _UP}:
-                np.negative(each, out=each)
-            np.subtract(each, rise, out=each)
-            _to_power(each, self._exponent)
-        return list(motion)
+        left, up = np.zeros((2, *s.shape), np.float32)
+        left[:, 1:] = -bias[:, 1:] * self._across[:, :-1]
+        up[1:] = -bias[1:] * self._down[:-1]
+        motion = bias * self._across, left, bias * self._down, up
+        return [_to_power(each - rise, self._exponent) for each in motion]
 
     def _rise(self, s: Map) -> Map:
         """Return the change, since the frame before, of the contrast of S with its 8 neighbours.
@@ -100,48 +93,38 @@ class _Pathway:
         The mean of the neighbours is ``(9 A3 * S - S) / 8``, and so the contrast
         ``9/8 |S - A3 * S|``.
         """
-        before, now = self._contrast, self._other
-        cv2.blur(s, (3, 3), dst=now, borderType=EDGE)
-        cv2.absdiff(s, now, dst=now)
-        self._contrast, self._other = now, before
-        return np.asarray(cv2.addWeighted(now, 9 / 8, before, -9 / 8, 0, dst=self._room))
+        before, self._contrast = self._contrast, np.asarray(cv2.absdiff(s, averaged(s)), np.float32)
+        return np.asarray(cv2.addWeighted(self._contrast, 9 / 8, before, -9 / 8, 0), np.float32)
 
     def _low_pass(self, t: Map, s_here: Map, s_there: Map, d_here: Map, d_there: Map) -> None:
         """Low-pass T in place; its input correlates the signals of a pixel and of a neighbour."""
-        new = self._motion[0][: t.shape[0], : t.shape[1]]
-        np.subtract(d_here, d_there, out=new)
-        np.multiply(new, s_here, out=new)
-        np.multiply(new, s_there, out=new)
-        np.multiply(new, np.float32(self._share), out=new)
-        np.multiply(t, np.float32(1 - self._share), out=t)
-        np.add(t, new, out=t)
-        np.add(t, _SMALLEST, out=t)  # as `_flush`, for both signs
-        np.subtract(t, _SMALLEST, out=t)
+        new = (d_here - d_there) * s_here * s_there
+        t *= np.float32(1 - self._share)
+        t += new * np.float32(self._share)
+        t += _SMALLEST  # as `_flushed`, for both signs
+        t -= _SMALLEST
 
 
-def _to_power(values: Map, exponent: float) -> None:
-    """Raise the values above 0 to a power, in place; the others become close to 0."""
-    np.maximum(values, _LEAST, out=values)
+def _to_power(values: Map, exponent: float) -> Map:
+    """Return the values above 0 to a power; the others become close to 0."""
+    values = np.maximum(values, _LEAST)
     if exponent == 0.5:
-        np.sqrt(values, out=values)
-        return
+        return np.sqrt(values)
     # This takes less time than `np.power`: NumPy computes several logarithms at once.
-    np.log(values, out=values)
-    np.multiply(values, np.float32(exponent), out=values)
-    np.exp(values, out=values)
+    return np.asarray(np.exp(np.log(values) * np.float32(exponent)), np.float32)
 
 
-def _flush(values: Map) -> None:
-    """Set values below 1e-9 of a grey level to 0, in place.
+def _flushed(values: NDArray[Any]) -> Map:
+    """Return a map in which values below 1e-9 of a grey level are replaced by 0.
 
     Otherwise values that decay from frame to frame would become so small ("subnormal") that the
     processor computes with them many times slower.
     """
-    cv2.threshold(values, 1e-9, 0, cv2.THRESH_TOZERO, dst=values)
+    return np.asarray(cv2.threshold(values, 1e-9, 0, cv2.THRESH_TOZERO)[1], np.float32)
 
 
-def _blurred(values: Map, line: Map, out: Map) -> Map:
-    return np.asarray(cv2.sepFilter2D(values, -1, line, line, dst=out, borderType=EDGE), np.float32)
+def _blurred(values: Map, line: Map) -> Map:
+    return np.asarray(cv2.sepFilter2D(values, -1, line, line, borderType=EDGE), np.float32)
 
 
 class _Motion:
@@ -155,7 +138,6 @@ class _Motion:
     def __init__(self, shape: tuple[int, int], low_pass_ms: float, interval_ms: float) -> None:
         self.shape, self._share = shape, low_pass_share(interval_ms, low_pass_ms)
         self._bands = _gaussian_line(1, 1.0), _gaussian_line(2, 2.0)
-        self._change, self._band, self._net, self._bent = np.empty((4, *shape), np.float32)
         self.reset()
 
     def reset(self) -> None:
@@ -174,18 +156,12 @@ class _Motion:
         self.frames += 1
         if before is None or not self.ready:
             return False
-        p = self._change
-        cv2.subtract(now, before, dst=p, dtype=cv2.CV_32F)
-        fine, coarse = self._bands
-        band = _blurred(p, fine, self._band)
-        np.subtract(band, _blurred(p, coarse, self._net), out=band)
-        on = self._pathways[0].step(band)
-        off = self._pathways[1].step(np.negative(band, out=band))
+        p = np.asarray(cv2.subtract(now, before, dtype=cv2.CV_32F), np.float32)
+        fine, coarse = (_blurred(p, line) for line in self._bands)
+        on = self._pathways[0].step(fine - coarse)
+        off = self._pathways[1].step(coarse - fine)
         for axis, (way, back) in enumerate(((_RIGHT, _LEFT), (_DOWN, _UP))):
-            net = np.subtract(on[way], on[back], out=self._net)
-            net += off[way]
-            net -= off[back]
-            self.sums[axis] = self._sums(net)
+            self.sums[axis] = self._sums(on[way] - on[back] + off[way] - off[back])
         return True
 
     def _sums(self, x: Map) -> Any:
@@ -194,12 +170,7 @@ class _Motion:
         In its approximation by tanh, ``GELU(x) = x / 2 + b`` with
         ``b = x / 2 tanh(0.7978846 (x + 0.044715 x^3))``, and ``GELU(-x) = b - x / 2``.
         """
-        bent = np.multiply(x, x, out=self._bent)
-        bent *= np.float32(0.7978846 * 0.044715)
-        bent += np.float32(0.7978846)
-        bent *= x
-        np.tanh(bent, out=bent)
-        bent *= x
+        bent = x * np.tanh(x * (np.float32(0.7978846) + np.float32(0.7978846 * 0.044715) * x**2))
         # The authors count rows and columns from 1.
         row, column = self.shape[0] // 2 - 1, self.shape[1] // 2 - 1
         sums = np.empty((2, 2, 2))
