@@ -179,7 +179,8 @@ def opposite_pairs(vectors: ArrayLike, tolerance: float = 30.0) -> tuple[Rows, R
     """
     RmoParams(opposite_tolerance=tolerance)  # checks the value
     moving = _Moving(vectors, vectors)
-    return moving.named(*_joined(moving.opposite(tolerance)))
+    first, second = _joined(moving.opposite(tolerance))
+    return moving.rows[first], moving.rows[second]
 
 
 def rom_pairs(
@@ -196,7 +197,7 @@ def rom_pairs(
     moving = _Moving(starts, vectors)
     first, second = _joined(moving.opposite(params.opposite_tolerance))
     outward, _ = moving.radial(first, second, params.outward_tolerance)
-    return moving.named(first[outward], second[outward])
+    return moving.rows[first[outward]], moving.rows[second[outward]]
 
 
 def rmo_metrics(
@@ -279,44 +280,30 @@ def rmo_sums(
     return moving.speeds.size, opposite_sum, outward_sum, inward_sum, largest, pairs
 
 
-_BLOCK = 4096  # approximate number of pairs of a block, whose arrays stay in the cache
+_BLOCK = 1 << 16  # approximate number of pairs that are examined at a time, which bounds the memory
 
 
 class _Moving:
-    """The vectors that are not zero, sorted by direction.
-
-    So all vectors opposite to one vector stand side by side, and only opposite pairs are formed.
-    """
+    """The vectors that are not zero, and their starts, as complex numbers x + iy."""
 
     def __init__(self, starts: ArrayLike, vectors: ArrayLike) -> None:
         motion, origin = _matching(starts, vectors)
         speeds = length(motion)
-        rows = np.flatnonzero(speeds)
-        angles = np.arctan2(motion[rows, 1], motion[rows, 0])
-        order = np.argsort(angles, kind="stable")
-        self.rows = rows[order]
-        self.angles = angles[order]
+        self.rows = np.flatnonzero(speeds)
         self.speeds = speeds[self.rows]
-        # Complex numbers x + iy: one index operation then takes both coordinates.
         self.units = _complex(motion[self.rows]) / self.speeds
         self.starts = _complex(origin[self.rows])
 
     def opposite(self, tolerance: float) -> Iterator[tuple[Rows, Rows]]:
-        """Yield the opposite pairs in blocks, as positions in the sorted arrays."""
-        width = math.radians(tolerance)
-        if self.angles.size < 2 or self.angles[-1] - self.angles[0] <= math.pi - width:
-            return
-        low = np.searchsorted(self.angles, self.angles + (math.pi - width), side="right")
-        high = np.searchsorted(self.angles, self.angles + (math.pi + width), side="left")
-        counts = np.maximum(high - low, 0)
-        blocks = np.cumsum(counts) // _BLOCK
-        for block in np.split(np.arange(counts.size), np.flatnonzero(np.diff(blocks)) + 1):
-            run = counts[block]
-            first = np.repeat(block, run)
-            offset = low[block] - (np.cumsum(run) - run)
-            second = np.arange(first.size) + np.repeat(offset, run)
+        """Yield the opposite pairs in blocks, as positions in these arrays, in ascending order."""
+        tangent, count = math.tan(math.radians(tolerance)), len(self.units)
+        rows = _BLOCK // (count + 1) + 1
+        for start in range(0, count, rows):
+            product = self.units[start : start + rows, None] * self.units.conj()
+            opposite = np.abs(product.imag) < -tangent * product.real
+            first, second = np.nonzero(np.triu(opposite, start + 1))
             if first.size:
-                yield first, second
+                yield first + start, second
 
     def radial(
         self, first: Rows, second: Rows, tolerance: float
@@ -329,12 +316,6 @@ class _Moving:
         # This compares the angle between `line` and `distance` with the tolerance.
         along *= math.tan(math.radians(tolerance))
         return along > across, -along > across
-
-    def named(self, first: Rows, second: Rows) -> tuple[Rows, Rows]:
-        """Return the caller's row numbers of pairs, in ascending order."""
-        pairs = np.sort([self.rows[first], self.rows[second]], axis=0)
-        smaller, larger = pairs[:, np.lexsort(pairs[::-1])]
-        return smaller, larger
 
 
 def _matching(starts: ArrayLike, vectors: ArrayLike) -> tuple[Points, Points]:
