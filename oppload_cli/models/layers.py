@@ -263,14 +263,9 @@ class Dpc:
         photoreceptors: SharedLayer[Photoreceptors] | None = None,
     ) -> None:
         self._photoreceptors = photoreceptors or SharedLayer(Photoreceptors(shape))
-        self._shape, self._params = shape, params
-        self.set_axes(axes)
-
-    def set_axes(self, axes: tuple[int, ...]) -> None:
-        """From the next frame on, compute S and the pathways of these axes."""
-        self.axes = axes
-        self.kernels = Kernels.of(self._params, axes)
-        self.sums = PresynapticSums.zeros(self._shape, axes)
+        self._shape, self.axes = shape, axes
+        self.kernels = Kernels.of(params, axes)
+        self.sums = PresynapticSums.zeros(shape, axes)
 
     @property
     def photoreceptors(self) -> Photoreceptors:
@@ -400,9 +395,7 @@ class Layers:
         constants = params.dpc()
         dpcs = self._dpcs.setdefault((constants, stride), [])
         for dpc in dpcs:
-            if not axes or dpc.axes in {axes, ()}:
-                if axes and not dpc.axes:
-                    dpc.set_axes(axes)
+            if axes in {(), dpc.axes}:
                 return SharedLayer(dpc)
         dpcs.append(Dpc(self.shape, constants, axes, self.photoreceptors(stride)))
         return SharedLayer(dpcs[-1])

@@ -58,7 +58,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         ([DIFFERENCE], 11, 0),
         ([DLGMD], 11, 9),
         ([OPPLOD, DLGMD, DIFFERENCE], 11, 9),
-        ([DLGMD, DIFFERENCE, OPPLOD], 11, 9),
+        ([DLGMD, DIFFERENCE, OPPLOD], 11, 18),  # the first one asks for no pathways
         ([OPPLOD, OTHER_SIGMA], 11, 18),
         # The layers are P over one interval (the bank needs its mean), P over two intervals from
         # the third frame on, and P in the frame at half its size.
@@ -120,14 +120,6 @@ def test_detectors_with_other_axes_have_layers_of_their_own(calls: Counter[str])
     for frame in FRAMES:
         assert len({hold.step(frame) for hold in holds}) == 1
     assert (calls["photoreceptors"], calls["presynaptic_sums"]) == (11, 18)
-
-
-def test_layers_without_axes_take_those_of_a_later_detector() -> None:
-    layers = Layers(SHAPE)
-    first = layers.dpc(DpcParams())
-    second = layers.dpc(DpcParams(), (45, 135))
-    assert first.layer is second.layer
-    assert set(first.layer.sums.pathways) == {45, 135, 225, 315}
 
 
 def test_a_refused_frame_is_refused_once_and_changes_no_answer() -> None:
