@@ -52,7 +52,6 @@ class ArrayLuminance:
     def __init__(self, working: WorkingSize) -> None:
         self._working = working
         self._of_plane = Luminance(working)
-        self._colours: NDArray[np.uint16] | None = None
 
     def __call__(self, values: Frames, name: str) -> NDArray[np.float32]:
         """Return the luminance of a picture, 0 to 1, as a new array.
@@ -67,8 +66,8 @@ class ArrayLuminance:
             if not (np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1):
                 raise SourceError(f"{name} holds values outside 0 to 1; scale it, or give uint8")
         if values.ndim == 3:
-            if values.dtype == np.uint8:
-                values = self._in_16_bits(values)
+            if values.dtype == np.uint8:  # OpenCV would round grey to 8 bits before it is resized
+                values = np.multiply(values, np.uint16(257), dtype=np.uint16)
             values = np.asarray(cv2.cvtColor(np.ascontiguousarray(values), cv2.COLOR_RGB2GRAY))
         if not floating:
             bits = 8 * values.dtype.itemsize
@@ -77,12 +76,6 @@ class ArrayLuminance:
             return np.asarray(values, np.float32)
         size = (self._working.width, self._working.height)
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
-
-    def _in_16_bits(self, colours: NDArray[np.uint8]) -> NDArray[np.uint16]:
-        """Return colours in 16 bits: OpenCV would round grey to 8 bits before it is resized."""
-        if self._colours is None or self._colours.shape != colours.shape:
-            self._colours = np.empty(colours.shape, np.uint16)
-        return np.multiply(colours, np.uint16(257), out=self._colours, dtype=np.uint16)
 
 
 class _Drawn(ABC):
