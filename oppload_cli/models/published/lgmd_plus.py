@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -22,6 +21,7 @@ from oppload_cli.models.published.parts import (
     low_passed,
     mean_change,
     positive,
+    radial_gaussian,
     sigmoid,
     spikes,
     split,
@@ -102,7 +102,9 @@ class LgmdPlus(ChangeDetector):
         self._on = self._off = self._g = self._zeros()
         self._spread = DelayedSpread((1, 1 / 4, 1 / 8), (10, 20, 30), self.ti)
         self._adaptation = Adaptation(783, self.ti)
-        self._local = _local_weights(self.shape)
+        # The weight of inhibition: least in the middle of the frame, at most 1.
+        local = np.maximum(1 - radial_gaussian(self.shape, _FIELD_SPREAD), 0.1)
+        self._local = local.astype(np.float32)
         self._counts: deque[int] = deque([0] * _LAST_FRAMES, maxlen=_LAST_FRAMES)
         self._ffi, self._collision = 0.0, 0
 
@@ -144,16 +146,3 @@ class LgmdPlus(ChangeDetector):
         b: Plane = centre + spread(nearest, k3(0, 1, 0))
         b += spread(diagonal, k3(0, 0, 1))
         return b
-
-
-def _local_weights(shape: tuple[int, int]) -> Plane:
-    """Return V, the weight of inhibition: least in the middle of the frame, at most 1.
-
-    ``V = max(1 - g, 0.1)`` with ``g = exp(-4.5 (y'^2 + x'^2)) / (2 pi s (h/w) s)``, where y'
-    and x' run from -1 to 1 over the frame.
-    """
-    height, width = shape
-    y, x = (np.arange(side) / max(side // 2, 1) - (side >= 2) for side in shape)
-    scale = 2 * math.pi * _FIELD_SPREAD * (height / width) * _FIELD_SPREAD
-    g = np.exp(-4.5 * (y[:, None] ** 2 + x**2)) / scale
-    return np.asarray(np.maximum(1 - g, 0.1), dtype=np.float32)

@@ -121,6 +121,16 @@ def positive(values: Plane) -> Plane:
     return np.asarray(cv2.threshold(values, 0, 0, cv2.THRESH_TOZERO)[1])
 
 
+def radial_gaussian(shape: tuple[int, int], s: float) -> Plane:
+    """Return ``exp(-4.5 (y'^2 + x'^2)) / (2 pi s (h/w) s)``.
+
+    y' and x' run from -1 to 1 over the height h and the width w of the frame.
+    """
+    y, x = ((np.arange(side) - side // 2) / max(1, side // 2) for side in shape)
+    scale = 2 * math.pi * s * (shape[0] / shape[1]) * s
+    return np.asarray(np.exp(-4.5 * (y[:, None] ** 2 + x**2)) / scale, np.float64)
+
+
 def sigmoid(value: float) -> float:
     """Return ``sig(u) = 1 / (1 + exp(-u))``."""
     return 1 / (1 + math.exp(-value)) if value > -700 else 0.0
@@ -195,10 +205,6 @@ class Adaptation:
 
     def __init__(self, tau: float, ti: float) -> None:
         self._share = tau / (tau + ti)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all potentials."""
         self.potential = self.adapted = 0.0
 
     def step(self, potential: float) -> float:
