@@ -361,20 +361,17 @@ def _in_bands(shape: tuple[int, int], compute: Callable[[int, int, int], object]
     thread computes a row, so that any number of threads gives the same bytes.
     """
     bands = _bands_of(shape)
-    threads = min(cv2.getNumThreads(), len(bands)) if len(bands) > 1 else 1
-    if threads <= 1:
-        for number, band in enumerate(bands):
-            compute(number, *band)
-        return
-    firsts, lasts = zip(*bands, strict=True)
-    for _ in _band_threads(threads).map(compute, range(len(bands)), firsts, lasts):
+    threads = min(cv2.getNumThreads(), len(bands))
+    run = _band_threads(threads).map if threads > 1 else map
+    for _ in run(compute, *zip(*bands, strict=True)):
         pass
 
 
-def _bands_of(shape: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the first row of each band of a frame, and the row after its last one."""
+def _bands_of(shape: tuple[int, int]) -> list[tuple[int, int, int]]:
+    """Return the number of each band of a frame, its first row, and the row after its last one."""
     band = _BAND if is_large(shape) else max(1, shape[0])
-    return [(first, min(first + band, shape[0])) for first in range(0, shape[0], band)]
+    firsts = range(0, shape[0], band)
+    return [(number, first, min(first + band, shape[0])) for number, first in enumerate(firsts)]
 
 
 @cache

@@ -173,12 +173,12 @@ def test_a_run_says_why_it_is_slow(builds: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_small_frames_are_one_band_and_large_ones_several() -> None:
-    assert loops._bands_of((240, 427)) == [(0, 240)]
-    assert loops._bands_of((1, 1)) == [(0, 1)]
+    assert loops._bands_of((240, 427)) == [(0, 0, 240)]
+    assert loops._bands_of((1, 1)) == [(0, 0, 1)]
     bands = loops._bands_of((1081, 1920))
-    assert bands[0][0] == 0
-    assert bands[-1][1] == 1081
-    assert all(first[1] == second[0] for first, second in itertools.pairwise(bands))
+    assert bands[0][:2] == (0, 0)
+    assert bands[-1][2] == 1081
+    assert all(first[2] == second[1] for first, second in itertools.pairwise(bands))
 
 
 @pytest.mark.usefixtures("many_bands")
