@@ -84,9 +84,6 @@ class RmoParams(Parameters):
     )
 
 
-DEFAULT_RMO = RmoParams()
-
-
 class RmoMetrics(NamedTuple):
     """Radial motion opponency of one set of motion vectors (``docs/rmo.md``).
 
@@ -193,7 +190,7 @@ def rom_pairs(
     Parameters and errors are those of :func:`rmo_metrics`, and the two arrays that it returns are
     like those of :func:`opposite_pairs`.
     """
-    params = params or DEFAULT_RMO
+    params = params or RmoParams()
     moving = _Moving(starts, vectors)
     first, second = _joined(moving.opposite(params.opposite_tolerance))
     outward, _ = moving.radial(first, second, params.outward_tolerance)
@@ -221,7 +218,7 @@ def rmo_metrics(
     ParameterError
         If the two arrays do not have the same shape (n, 2), or hold numbers that are not finite.
     """
-    params = params or DEFAULT_RMO
+    params = params or RmoParams()
     motion, origin = _matching(starts, vectors)
     tolerances = params.opposite_tolerance, params.outward_tolerance
     count, opposite, outward, inward, largest, pairs = rmo_sums(

@@ -20,7 +20,7 @@ from oppload_cli.errors import FrameError, ParameterError
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, parse_height, preset_named
 from oppload_cli.models.registry import default_names, detector_of, parameters_of
 from oppload_cli.models.timebase import TimeParams, time_params
-from oppload_cli.motion.rmo import DEFAULT_RMO, RmoParams
+from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.pipeline.one_pass import DetectorPass, PassParams, Preparation
 from oppload_cli.pipeline.repeats import RepeatParams, Repeats
 from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
@@ -351,6 +351,6 @@ def _resolved(
         alarm or alarm_params_with(names, preset),
         place_params(preset) if places is True else places or None,
         time or time_params(preset),
-        DEFAULT_RMO if rmo is True else rmo or None,
+        RmoParams() if rmo is True else rmo or None,
         repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams()),
     )

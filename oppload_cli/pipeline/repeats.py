@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 _KEEP, EXACT, NEAR = "keep", "exact", "near"
 
-_SOME_ROWS = 16  # frames are first compared at every 16th row
 _CELLS = 15  # cells across the shorter side of the frame; changes are averaged over each cell
 _PICTURES = 3  # the usual change is the median change of the latest 3 pictures
 _FRAMES = 6  # before a cadence the usual change is at least the second largest of the latest 6
@@ -242,7 +241,7 @@ class Repeats:
     def _recognised(self, luma: Luma, time_s: float) -> Repeat:
         if self._shown is None:
             return Repeat()
-        exact = _equal(luma, self._shown)
+        exact = np.array_equal(luma, self._shown)
         handling = self._params.handling
         if handling == _KEEP:
             self.exact += exact
@@ -312,11 +311,6 @@ class Repeats:
         self._usual.clear()
         self._run = 0
         return Repeat()
-
-
-def _equal(one: Luma, other: Luma) -> bool:
-    """Return whether two frames are equal; a few rows soon show most differences."""
-    return np.array_equal(one[::_SOME_ROWS], other[::_SOME_ROWS]) and np.array_equal(one, other)
 
 
 def _change(one: Luma, other: Luma) -> _Change:

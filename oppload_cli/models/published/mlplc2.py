@@ -21,7 +21,7 @@ from oppload_cli.models.published.parts import (
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -72,7 +72,7 @@ def _cut(p: Plane, line: Plane) -> Plane:
 
 
 def _correlate(
-    motion: Plane, here: Places, signals: tuple[Plane, Plane], width: int, interval_ms: float
+    motion: Plane, here: Places, signals: Sequence[Plane], width: int, interval_ms: float
 ) -> None:
     """Add the low-passed correlation of some pixels with their neighbours in four directions.
 
@@ -240,10 +240,12 @@ class Mlplc2(ChangeDetector):
             self._moves[active] = self._moves[earlier] = True
         moving = np.flatnonzero(self._moves & self._inner)
         self._motion[:, :, moving] *= 1 - low_pass_share(self._interval_ms, _MOTION_MS)
-        for pathway, pixels, now, before in zip(
-            self._motion, self._pixels(), self._now, self._former, strict=True
+        for pathway, active, earlier, *signals in zip(
+            self._motion, self._active, self._earlier, self._now, self._former, strict=True
         ):
-            _correlate(pathway, pixels, (now, before), self.shape[1], self._interval_ms)
+            pixels = np.union1d(active, earlier)
+            pixels = pixels[self._inner[pixels]]
+            _correlate(pathway, pixels, signals, self.shape[1], self._interval_ms)
         motion = self._motion[:, :, moving]
         self._moves[moving] = (motion > _LOST_MOTION).any(axis=(0, 1))
         t4, t5 = (_powered(*each) for each in zip(motion, _EXPONENTS, strict=True))
@@ -272,12 +274,6 @@ class Mlplc2(ChangeDetector):
             compressed[former] = 0
             values = signal[at]
             compressed[at] = np.tanh(values / (_HALF_COMPRESSED + values * self._reach[at]))
-
-    def _pixels(self) -> Iterator[Places]:
-        """Yield the pixels with an ON, then an OFF signal, in this frame or the frame before."""
-        for active, earlier in zip(self._active, self._earlier, strict=True):
-            either = np.union1d(active, earlier)
-            yield either[self._inner[either]]
 
     def _attend(self, at: Places, motion: Plane) -> Mlplc2Response:
         right, left, down, up = motion
