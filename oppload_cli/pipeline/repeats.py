@@ -209,9 +209,8 @@ class Repeats:
             self._shown, self._run, self._pictures, self._repeats = None, 0, 0, 0
             found = [self.step(luma, time_s) for luma, time_s in first]
             if len(self._proofs) >= proofs + _ENOUGH:
-                for known, count in (self._proofs, proofs), (self._lasted_s, lasted):
-                    for _ in range(count):
-                        known.popleft()
+                self._proofs = deque(list(self._proofs)[proofs:])
+                self._lasted_s = deque(list(self._lasted_s)[lasted:], _SPAN)
         self.exact, self.near, self._frames = counts
         return found
 
