@@ -7,6 +7,7 @@ sidecar all use this declaration. This module does not need NumPy.
 
 from __future__ import annotations
 
+import inspect
 import math
 import numbers
 import re
@@ -15,9 +16,12 @@ from dataclasses import MISSING, dataclass, field, fields, replace
 from fractions import Fraction
 from functools import cache
 from types import NoneType
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from oppload_cli.errors import OpploadError, ParameterError, StimulusError, suggestion
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 REQUIRED: Any = MISSING
 _WORDS = {
@@ -149,6 +153,23 @@ def _exact(bound: float) -> str:
     return short if float(short) == bound else f"{bound:.17g}"
 
 
+class _Docstring:
+    """The docstring of a table, with a section on its declared values, for `help` and the site."""
+
+    def __init__(self, text: str) -> None:
+        self._lines = inspect.cleandoc(text).splitlines()
+
+    def __get__(self, table: object, kind: type[Table]) -> str:
+        lines = self._lines
+        # The decorator `dataclass` asks for the docstring before the values are known.
+        if "__dataclass_params__" in vars(kind) and kind.declared():
+            first = (n - 1 for n, line in enumerate(lines) if line and set(line) == {"-"})
+            end = next(first, len(lines))
+            section = ["", "Parameters", "----------", *kind._described(), ""]
+            lines = ["\n".join(lines[:end]).rstrip(), *section, *lines[end:]]
+        return "\n".join(lines)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Table:
     """Base of all tables: converts and checks each value when the table is made."""
@@ -156,6 +177,11 @@ class Table:
     _error: ClassVar[type[OpploadError]] = StimulusError
     _units: ClassVar[bool] = True  # whether messages name the unit of a bound
     _none: ClassVar[str] = ""  # the end of a message on the type of an optional value
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if cls.__doc__:
+            cls.__doc__ = _Docstring(cls.__doc__)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         for each in self.declared():
@@ -182,6 +208,15 @@ class Table:
             kind = _without_none(hints[each.name])
             declared.append(Parameter(each.name, *kind, each.default, **facts))
         return tuple(declared)
+
+    @classmethod
+    def _described(cls) -> Iterator[str]:
+        for each in cls.declared():
+            plain = each.default is not REQUIRED and not isinstance(each.default, Table | None)
+            kind = f"{each.words} or None" if each.optional else each.words
+            yield f"{each.name} : {kind}{f', default {each.default!r}' if plain else ''}"
+            facts = ", ".join(filter(None, (each.allowed, each.unit)))
+            yield f"    {each.meaning}{f' ({facts})' if facts else ''}."
 
     @classmethod
     @cache

@@ -21,7 +21,7 @@ NAMES = [name for name in oppload_cli.__all__ if name not in {"__version__", "PR
 
 
 def examples_of(thing: Any, name: str) -> list[doctest.DocTest]:
-    found = doctest.DocTestFinder(recurse=False).find(thing, name, globs={})
+    found = doctest.DocTestFinder().find(thing, name, globs={})  # also those of methods
     return [each for each in found if each.examples]
 
 
@@ -67,9 +67,7 @@ def test_every_public_name_has_an_example_that_is_true(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["plot", "report", "save", "summary"])
 def test_the_methods_of_a_result_have_examples(name: str) -> None:
-    tests = examples_of(inspect.getattr_static(oppload_cli.Result, name), name)
-    assert tests
-    assert failures_of(tests) == ""
+    assert examples_of(inspect.getattr_static(oppload_cli.Result, name), name)
 
 
 def test_completion_shows_the_public_names_and_no_others() -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from oppload_cli.errors import ParameterError, StimulusError
 from oppload_cli.schema import REQUIRED, Parameters, Table, parameter
+from oppload_cli.stimulus.objects import Motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +127,34 @@ def test_the_unit_of_a_value_is_that_at_the_end_of_its_name() -> None:
 
     units = [each.unit for each in Units.declared()]
     assert units == ["deg/s", "m/s", "1/s", "", "px", ""]
+
+
+def test_the_docstring_of_a_table_describes_its_values() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Described(Parameters):
+        """A set.
+
+        Examples
+        --------
+        >>> 1
+        1
+        """
+
+        size_m: float = parameter(1.5, "the size", above=0)
+        cell: int | None = parameter(None, "a cell")
+
+    described = [
+        *("A set.", "", "Parameters", "----------"),
+        *("size_m : number, default 1.5", "    the size (above 0, m)."),
+        *("cell : whole number or None", "    a cell.", ""),
+        *("Examples", "--------", ">>> 1", "1"),
+    ]
+    assert (Described.__doc__ or "").splitlines() == described
+    assert Described().__doc__ == Described.__doc__
+    assert (Motion.__doc__ or "").startswith(
+        "How a shape, a pattern or the complete scene moves.\n"
+    )
+    assert (Parameters.__doc__ or "").count("Parameters\n") == 0
 
 
 def test_every_declaration_is_described() -> None:

@@ -29,7 +29,6 @@ from docutils.parsers.rst import directives
 from sphinx.util.docutils import SphinxDirective
 
 from oppload_cli import stimulus
-from oppload_cli.schema import REQUIRED, Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -146,29 +145,10 @@ def _link_inside(_app: Sphinx, page: str, source: list[str]) -> None:
         source[0] = source[0].replace(f"](../{up}{name}", f"]({up}{included}")
 
 
-def _describe_values(
-    _app: Sphinx, what: str, _name: str, kind: object, _options: object, lines: list[str]
-) -> None:
-    """Add the declared values of a table of parameters to the docstring of its class."""
-    if what != "class" or not isinstance(kind, type) or not issubclass(kind, Table):
-        return
-    section = ["", "Parameters", "----------"]
-    for each in kind.declared():
-        plain = each.default is not REQUIRED and not isinstance(each.default, Table | None)
-        default = f", default {each.default!r}" if plain else ""
-        facts = ", ".join(filter(None, (each.allowed, each.unit)))
-        meaning = f"{each.meaning} ({facts})" if facts else each.meaning
-        section += [f"{each.name} : {each.words}{default}", f"    {meaning}."]
-    section.append("")
-    rest = next((n for n, line in enumerate(lines) if n and set(line) == {"-"}), len(lines) + 1)
-    lines[rest - 1 : rest - 1] = section
-
-
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directive and the functions with Sphinx."""
     app.add_directive("run", Run)
     app.connect("builder-inited", _make_examples)
     app.connect("source-read", _link_inside)
     app.connect("sphinx-click-process-description", _escape_stars)
-    app.connect("autodoc-process-docstring", _describe_values, priority=400)  # before numpydoc
     return {"parallel_read_safe": True, "parallel_write_safe": True}

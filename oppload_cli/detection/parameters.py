@@ -132,8 +132,8 @@ class AlarmParams(Parameters):
         --------
         >>> import oppload_cli as oppload
         >>> params = oppload.alarm_params("default")
-        >>> params.evidence(0.02, None), params.evidence(0.02, 1.2), params.evidence(0.02, 0.8)
-        (0.02, 0.02, 0.2)
+        >>> params.evidence(0.05, None), params.evidence(0.05, 1.2), params.evidence(0.05, 0.8)
+        (0.05, 0.05, 0.5)
         """
         near = contact_s is not None and contact_s < self.contact_s
         return response / self.contact_share if near else response
