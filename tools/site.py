@@ -145,10 +145,16 @@ def _link_inside(_app: Sphinx, page: str, source: list[str]) -> None:
         source[0] = source[0].replace(f"](../{up}{name}", f"]({up}{included}")
 
 
+def _changed(*_: object) -> list[str]:
+    """Return the page that follows from the code, where Sphinx does not see its changes."""
+    return ["reference/commands"]
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directive and the functions with Sphinx."""
     app.add_directive("run", Run)
     app.connect("builder-inited", _make_examples)
     app.connect("source-read", _link_inside)
+    app.connect("env-get-outdated", _changed)
     app.connect("sphinx-click-process-description", _escape_stars)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

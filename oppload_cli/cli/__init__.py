@@ -82,6 +82,10 @@ class _LazyGroup(click.Group):
         except BrokenPipeError as error:
             raise _ReaderGoneError from error
 
+    def list_commands(self, _ctx: click.Context) -> list[str]:
+        """Return the names of all commands, for the page of the site that lists them."""
+        return list(COMMANDS)
+
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command, or None if none has that name."""
         if cmd_name not in COMMANDS:

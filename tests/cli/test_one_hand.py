@@ -43,6 +43,14 @@ def test_jobs_are_the_same_everywhere() -> None:
         assert "0: one per core" in str(each.help)
 
 
+def test_the_page_of_the_commands_can_list_all_of_them() -> None:
+    """The site asks Click for them."""
+    context = click.Context(oppload)
+    listed = {name: oppload.get_command(context, name) for name in oppload.list_commands(context)}
+    assert list(listed) == list(COMMANDS)
+    assert None not in listed.values()
+
+
 def test_one_name_for_one_thing() -> None:
     assert not options("models")
     assert not options("stimulus-set")
