@@ -65,6 +65,15 @@ def test_every_public_name_has_an_example_that_is_true(name: str) -> None:
     assert failures_of(tests) == ""
 
 
+@pytest.mark.parametrize("name", stimulus.__all__)
+def test_the_examples_of_stimuli_are_true(name: str) -> None:
+    thing = getattr(stimulus, name)
+    tests = examples_of(thing, name)
+    shown = {"entries", "file_stem", "frame_truth", "frames", "ground_truth", "load", "load_all"}
+    assert tests or name not in shown
+    assert failures_of(tests) == ""
+
+
 @pytest.mark.parametrize("name", ["plot", "report", "save", "summary"])
 def test_the_methods_of_a_result_have_examples(name: str) -> None:
     assert examples_of(inspect.getattr_static(oppload_cli.Result, name), name)

@@ -220,6 +220,11 @@ def _no_parameters(detector: type[Detector]) -> type[Parameters]:
 def forget(name: str) -> None:
     """Remove a registered detector again.
 
+    Parameters
+    ----------
+    name : str
+        Name of the detector; no error if it is unknown.
+
     Examples
     --------
     >>> import oppload_cli as oppload
@@ -312,7 +317,19 @@ def detector_of(params: Parameters) -> type[Detector]:
 
 
 def parameters_of(name: str, preset: str = DEFAULT_PRESET) -> Parameters:
-    """Return the parameters of a detector under a preset; unknown names are a ParameterError.
+    """Return the parameters of a detector under a preset.
+
+    Parameters
+    ----------
+    name : str
+        Name of the detector, as in ``oppload models``.
+    preset : str
+        Name of the preset.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown; the message suggests the nearest one.
 
     Examples
     --------

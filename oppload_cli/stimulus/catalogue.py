@@ -205,7 +205,14 @@ def catalogue_directory() -> Path:
 
 @cache
 def entries() -> tuple[Entry, ...]:
-    """Return all entries of the catalogue, sorted by name."""
+    """Return all entries of the catalogue, sorted by name.
+
+    Examples
+    --------
+    >>> from oppload_cli import stimulus
+    >>> [each.name for each in stimulus.entries() if each.name.endswith("-ring")]
+    ['controls/looming-ring']
+    """
     root = catalogue_directory()
     return tuple(
         read_entry(path, path.relative_to(root).with_suffix("").as_posix())
@@ -349,7 +356,14 @@ def load(wanted: str | Path, settings: dict[str, Any] | None = None) -> Protocol
     Raises
     ------
     StimulusError
-        If there is no such stimulus, or more than one.
+        If there is no such stimulus, or more than one, or if a value is not valid.
+
+    Examples
+    --------
+    >>> from oppload_cli import stimulus
+    >>> slow = stimulus.load("klapoetke2017/loom-l-over-v", {"disk.growth.l_over_v_ms": 80})
+    >>> slow.objects[0].growth.l_over_v_ms, slow.frame_count
+    (80.0, 72)
     """
     protocols = load_all(wanted, settings)
     if len(protocols) > 1:
@@ -379,6 +393,12 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
     ------
     StimulusError
         If there is no such stimulus, or if one is not valid.
+
+    Examples
+    --------
+    >>> from oppload_cli import stimulus
+    >>> [each.name for each in stimulus.load_all("controls/looming-square")]
+    ['controls/looming-square/axis-0', 'controls/looming-square/axis-45']
     """
     found = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
     changed = [entry.with_settings(settings or {}).telling_changes() for entry in found]

@@ -104,7 +104,14 @@ class Written:
 
 
 def file_stem(name: str) -> str:
-    """Return the name of a stimulus as a file name without suffix: ``/`` becomes ``_``."""
+    """Return the name of a stimulus as a file name without suffix: ``/`` becomes ``_``.
+
+    Examples
+    --------
+    >>> from oppload_cli import stimulus
+    >>> stimulus.file_stem("controls/looming-square/axis-0")
+    'controls_looming-square_axis-0'
+    """
     return name.replace("/", "_")
 
 
@@ -227,7 +234,8 @@ def write(
     directory : Path or str
         The folder of the files; it is made if it does not exist.
     form : str
-        A key of :data:`oppload_cli.video.writers.FORMATS`.
+        ``ffv1`` (AVI) and ``mkv`` are lossless videos, ``mp4`` is a lossy one (H.264); ``png`` is a
+        folder of images, ``npz`` an array, ``gif`` an animation for slides.
     preview : bool
         Whether to write a contact sheet too.
     new : bool

@@ -179,10 +179,29 @@ class Renderer:
 def frames(protocol: Protocol) -> Iterator[StimulusFrame]:
     """Draw a stimulus, frame by frame.
 
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+
     Yields
     ------
     StimulusFrame
-        Its luminance equals that of the lossless file that :func:`write` makes.
+        The picture as grey levels and as luminance, both of shape (height, width), and its ground
+        truth. Its luminance equals that of the lossless file that :func:`write` makes.
+
+    Raises
+    ------
+    StimulusError
+        If a picture or a video of the stimulus cannot be read.
+
+    Examples
+    --------
+    >>> from oppload_cli import stimulus
+    >>> protocol = stimulus.load("controls/looming-perspective")
+    >>> frame = next(stimulus.frames(protocol))
+    >>> frame.luma.shape, round(frame.truth.objects[0].angular_size_deg, 2)
+    ((300, 400), 4.58)
     """
     renderer = Renderer(protocol)
     for index in range(protocol.frame_count):

@@ -119,7 +119,22 @@ class FrameTruth:
 
 
 def frame_truth(protocol: Protocol, frame: int) -> FrameTruth:
-    """Return the ground truth of a frame (0-based)."""
+    """Return the ground truth of a frame.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+    frame : int
+        Number of the frame, from 0 to `frame_count` of the protocol minus 1.
+
+    Examples
+    --------
+    >>> from oppload_cli import stimulus
+    >>> truth = stimulus.frame_truth(stimulus.load("controls/looming-perspective"), 30)
+    >>> truth.time_s, truth.looming, round(truth.objects[0].time_to_contact_s, 3)
+    (0.5, True, 1.1)
+    """
     time = protocol.time_of(frame)
     objects = tuple(
         _picture_truth(protocol, obj, time)
@@ -131,7 +146,25 @@ def frame_truth(protocol: Protocol, frame: int) -> FrameTruth:
 
 
 def ground_truth(protocol: Protocol) -> dict[str, Any]:
-    """Return the ground truth of a stimulus; ``docs/stimuli.md`` describes its keys."""
+    """Return the ground truth of a stimulus, as in its ``.stimulus.json``.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+
+    Returns
+    -------
+    dict
+        Values for JSON; ``docs/stimuli.md`` describes the keys.
+
+    Examples
+    --------
+    >>> from oppload_cli import stimulus
+    >>> truth = stimulus.ground_truth(stimulus.load("controls/looming-perspective"))
+    >>> len(truth["frames"]), truth["frames"][0]["objects"][0]["kind"]
+    (102, 'disk')
+    """
     return {**_head(protocol), "frames": list(_frames(protocol))}
 
 
@@ -190,6 +223,11 @@ def contact_time(protocol: Protocol) -> float | None:
 
 def read_ground_truth(path: Path | str) -> dict[str, Any]:
     """Read a ``.stimulus.json`` file; return a dict like that of :func:`ground_truth`.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file.
 
     Raises
     ------
