@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from fractions import Fraction
 from numbers import Integral
-from statistics import fmean, median
+from statistics import fmean, median, median_low
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from oppload_cli.errors import ParameterError, SourceError
@@ -235,7 +235,7 @@ class FrameTimes:
         """
         if not self._steps:
             return None
-        middle = median(self._steps)
+        middle = median_low(self._steps)  # one of the steps, so that at least one is usual
         spread = max(_USUAL * middle, _ROUNDING_S)
         return 1 / fmean(step for step in self._steps if abs(step - middle) <= spread)
 

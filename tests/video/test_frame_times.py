@@ -90,6 +90,13 @@ def test_the_rate_is_that_of_most_frames() -> None:
     assert taken([0.0, *doubled, doubled[-1] + 60])[1].rate == pytest.approx(30)
 
 
+def test_the_rate_is_that_of_the_shorter_steps_if_half_of_the_steps_are_much_longer() -> None:
+    kept = FrameTimes(None)
+    for time_s in (0, 0.04, 0.2, 0.24, 0.4):
+        kept.step(time_s)
+    assert kept.rate == pytest.approx(25)
+
+
 def test_a_declared_rate_that_the_times_contradict_gives_a_remark() -> None:
     _, kept = taken([t / 12 for t in range(20)], 30)
     assert kept.remarks() == [
