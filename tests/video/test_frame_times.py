@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from oppload_cli.video.frames import FrameTimes
 
@@ -111,6 +113,20 @@ def test_a_declared_rate_that_the_times_contradict_gives_a_remark() -> None:
 def test_a_low_frame_rate_gives_a_remark(rate: int) -> None:
     (note,) = taken([t / rate for t in range(9)], rate)[1].remarks()
     assert note.startswith(f"{rate} frames/s are too few for the models")
+
+
+@given(
+    st.lists(
+        st.one_of(st.sampled_from([0, 0.04, 0.2]), st.floats(-1e6, 1e6, allow_subnormal=False)),
+        max_size=9,
+    )
+)
+@settings(max_examples=300, deadline=None)
+def test_any_times_become_later_with_each_frame_and_have_a_rate(steps: list[float]) -> None:
+    times, kept = taken(np.cumsum([0.0, *steps]).tolist())
+    assert all(np.diff(times) > 0)
+    assert kept.rate is None or 0 < kept.rate < np.inf
+    assert all(isinstance(remark, str) for remark in kept.remarks())
 
 
 def test_many_frames_are_no_fault() -> None:
