@@ -184,7 +184,7 @@ def same(one: RmoMetrics, other: RmoMetrics) -> bool:
     return bool(tuple(one) == pytest.approx(tuple(other), rel=1e-6, abs=1e-9))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=seeds, order=seeds)
 def test_symmetric_in_the_vectors(seed: int, order: int) -> None:
     starts, vectors = sample(seed)
@@ -193,14 +193,14 @@ def test_symmetric_in_the_vectors(seed: int, order: int) -> None:
     np.testing.assert_array_equal(rmo(vectors, starts), rmo(starts, vectors))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=seeds, speed=st.floats(1e-3, 1e3), size=st.floats(1e-3, 1e3))
 def test_scale_invariant(seed: int, speed: float, size: float) -> None:
     starts, vectors = sample(seed)
     assert same(rmo_metrics(starts * size, vectors * speed), rmo_metrics(starts, vectors))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=seeds, angle=st.floats(-360, 360), mirrored=st.booleans())
 def test_rotation_invariant(seed: int, angle: float, mirrored: bool) -> None:
     starts, vectors = sample(seed)
@@ -211,7 +211,7 @@ def test_rotation_invariant(seed: int, angle: float, mirrored: bool) -> None:
     assert same(rmo_metrics(starts @ turn.T, vectors @ turn.T), rmo_metrics(starts, vectors))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=seeds, x=st.floats(-1e4, 1e4), y=st.floats(-1e4, 1e4))
 def test_translation_invariant(seed: int, x: float, y: float) -> None:
     starts, vectors = sample(seed)
@@ -228,7 +228,7 @@ def from_nearest_corner(x: float, y: float) -> float:
 
 
 @pytest.mark.once
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(x=inside_x, y=inside_y, rate=st.floats(0.001, 0.5))
 def test_expansion_and_contraction(x: float, y: float, rate: float) -> None:
     outward = rate * (grid() - [x, y])
@@ -252,7 +252,7 @@ def test_translation_is_exactly_zero(velocity: tuple[float, float]) -> None:
     assert metrics == RmoMetrics(flow_vectors=len(grid()))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(x=inside_x, y=inside_y, rate=st.floats(0.001, 0.5), sense=st.sampled_from([-1, 1]))
 def test_rotation_has_no_rom_pair(x: float, y: float, rate: float, sense: int) -> None:
     metrics = rmo_metrics(grid(), sense * rate * quarter_turn(grid() - [x, y]))

@@ -20,8 +20,6 @@ from oppload_cli.video.inputs import each_once, parse_position, result_stem
 
 BOUNDED = settings(
     max_examples=40,
-    deadline=None,
-    derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 SCALARS = st.one_of(

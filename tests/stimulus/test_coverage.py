@@ -12,14 +12,14 @@ from oppload_cli.stimulus.coverage import disk_coverage, polygon_coverage
 place = st.floats(20, 60)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(x=place, y=place, radius=st.floats(0.05, 19))
 def test_area_of_a_disk(x: float, y: float, radius: float) -> None:
     _, coverage = disk_coverage(x, y, radius, 80, 80)
     assert coverage.sum() == pytest.approx(np.pi * radius**2, rel=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(x=place, y=place, angle=st.floats(0, 7), length=st.floats(0.1, 13), width=st.floats(0.1, 13))
 def test_area_of_a_turned_bar(
     x: float, y: float, angle: float, length: float, width: float

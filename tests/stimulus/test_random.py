@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 bounded = settings(
     max_examples=50,
-    deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 
@@ -213,9 +212,7 @@ def test_valid_protocols_are_never_refused(  # noqa: PLR0917 - one argument per 
     check(stimulus.Protocol.from_table(made, "random.toml"))
 
 
-@settings(
-    max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     form=st.sampled_from(["ffv1", "npz", "gif"]), width=st.integers(8, 33), seed=st.integers(0, 9)
 )

@@ -121,7 +121,7 @@ def test_a_low_frame_rate_gives_a_remark(rate: int) -> None:
         max_size=9,
     )
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_any_times_become_later_with_each_frame_and_have_a_rate(steps: list[float]) -> None:
     times, kept = taken(np.cumsum([0.0, *steps]).tolist())
     assert all(np.diff(times) > 0)
