@@ -177,7 +177,7 @@ def test_positions_of_any_text(text: str) -> None:
         assert (place.frame is None) != (place.seconds is None)
 
 
-PARTS = st.text(st.characters(blacklist_characters="\0"), min_size=1, max_size=40)
+PARTS = st.text(st.characters(exclude_characters="\0", codec="utf-8"), min_size=1, max_size=40)
 
 
 @BOUNDED

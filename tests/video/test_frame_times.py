@@ -115,15 +115,10 @@ def test_a_low_frame_rate_gives_a_remark(rate: int) -> None:
     assert note.startswith(f"{rate} frames/s are too few for the models")
 
 
-@given(
-    st.lists(
-        st.one_of(st.sampled_from([0, 0.04, 0.2]), st.floats(-1e6, 1e6, allow_subnormal=False)),
-        max_size=9,
-    )
-)
+@given(st.lists(st.sampled_from([0, 40, 200]) | st.integers(-(10**6), 10**6), max_size=9))
 @settings(max_examples=300)
-def test_any_times_become_later_with_each_frame_and_have_a_rate(steps: list[float]) -> None:
-    times, kept = taken(np.cumsum([0.0, *steps]).tolist())
+def test_any_times_become_later_with_each_frame_and_have_a_rate(steps_ms: list[int]) -> None:
+    times, kept = taken((np.cumsum([0, *steps_ms]) / 1000).tolist())
     assert all(np.diff(times) > 0)
     assert kept.rate is None or 0 < kept.rate < np.inf
     assert all(isinstance(remark, str) for remark in kept.remarks())
