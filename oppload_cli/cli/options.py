@@ -174,8 +174,10 @@ def check_assignments(
     from oppload_cli.models.registry import known_names
 
     idle = set(known_names()) - set(models)
+    floors = {f"alarm.{name}_floor": name for name in idle}
     for text in assignments:
-        name = text.partition(".")[0].strip()
+        target = text.partition("=")[0].strip()
+        name = floors.get(target, target.partition(".")[0])
         if name in idle:
             raise ParameterError(
                 f"--set {text} has no effect, as '{name}' does not run; give --model {name} too, "

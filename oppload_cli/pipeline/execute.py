@@ -360,10 +360,11 @@ class _Run:
         labels = [detector_named(name).label for name in silent]
         longest = max(detector_named(name).warm_up for name in silent)
         interval = self._settings.time.interval
-        unit = "frames" if interval == FRAME else f"intervals of {interval} s"
+        warm_up = counted(longest, "frame" if interval == FRAME else "interval")
+        warm_up += "" if interval == FRAME else f" of {interval} s"
         return (
             f"has no response of {', '.join(labels)} to any frame, so that nothing could cause an "
-            f"alarm: it ends within the warm-up of {longest} {unit}; give a longer video"
+            f"alarm: it ends within the warm-up of {warm_up}; give a longer video"
             + ("" if interval in {FRAME, TimeParams().interval} else ", or a shorter time.interval")
         )
 

@@ -109,6 +109,23 @@ class Settings:
             )
         return [self.groups[name] for name in self.models]
 
+    def without_idle_detectors(self) -> Settings:
+        """Return the same settings without detectors that do not run, unless a value was set."""
+        known = known_names()
+        own = f"preset {self.preset}"
+        changed = {name for name, origin in self.origins.items() if origin != own}
+        kept = {name for name in known if f"alarm.{name}_floor" in changed}
+        kept |= {*self.models, *(name.partition(".")[0] for name in changed)}
+        needed = [name for name in known if name in kept]
+        groups = {
+            name: group for name, group in self.groups.items() if name in kept or name not in known
+        }
+        names = alarm_params_with(needed, self.preset).names()
+        alarm = {name: value for name, value in self.alarm.as_dict().items() if name in names}
+        return replace(
+            self, groups={**groups, "alarm": alarm_params_with(needed, self.preset, **alarm)}
+        )
+
     def seen_through(self, optics: Optics | None, working: WorkingSize) -> Settings:
         """Return the same settings with sizes in degrees converted to pixels of the `working` size.
 
@@ -237,7 +254,7 @@ def resolve(
         if any(each.partition("=")[0].strip() == "repeats.handling" for each in assignments):
             raise ParameterError("--repeats and --set repeats.handling are the same; give one")
         assignments = [*assignments, f"repeats.handling={repeats}"]
-    return _with_command_line(settings, options, assignments)
+    return _with_command_line(settings, options, assignments).without_idle_detectors()
 
 
 def _needed(

@@ -17,7 +17,7 @@ from oppload_cli.files.atomic import PartFile, output_errors, part_of
 from oppload_cli.files.reading import is_file, reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import NATIVE
-from oppload_cli.models.registry import loaded, needs_loading, placing_detector
+from oppload_cli.models.registry import known_names, loaded, needs_loading, placing_detector
 from oppload_cli.results.alarms import verdicts_in
 from oppload_cli.results.table import (
     DETECTIONS,
@@ -261,10 +261,12 @@ def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[s
     groups = (*settings.models, "alarm", "places", "repeats", "time")
     groups += ("rmo",) if settings.measure_rmo else ()
     resolved = settings.resolved(min(working["width"], working["height"]))
+    # The floor of a detector that does not run has no effect on the result.
+    idle = {f"{name}_floor" for name in known_names() if name not in settings.models}
     for group in groups:
         existing = content["parameters"].get(group, {})
         for name, value in _plain(resolved[group].as_dict()).items():
-            if existing.get(name) != value:
+            if name not in idle and existing.get(name) != value:
                 yield f"with {group}.{name} = {existing.get(name)}, not {value}"
 
 

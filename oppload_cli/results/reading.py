@@ -12,7 +12,7 @@ import pandas as pd
 
 from oppload_cli.detection.alarm import Alarm
 from oppload_cli.detection.parameters import AlarmParams, alarm_params
-from oppload_cli.errors import OpploadError, ResultError, SourceError
+from oppload_cli.errors import OpploadError, ResultError, SourceError, counted
 from oppload_cli.files.atomic import PART, part_of
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.models.detector import Box
@@ -103,7 +103,7 @@ class BaseResult:
                 raise ResultError(
                     f"{self.path}: column '{name}' is empty in every row, as during warm-up; "
                     f"run an input that lasts longer than the warm-up of '{model}', "
-                    f"{detector_named(model).warm_up} intervals"
+                    f"{counted(detector_named(model).warm_up, 'interval')}"
                 )
 
 

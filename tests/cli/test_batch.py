@@ -313,6 +313,11 @@ def test_a_result_is_skipped_only_if_it_is_the_same(clips: Path, tmp_path: Path)
     words = ("run", clips / "clip3.avi", "-o", tmp_path, "--if-exists", "skip", *FAST)
     assert oppload(*words).returncode == 0
     assert "skipped" in oppload(*words).stderr
+    # The same settings, written out; floors of detectors that do not run have no effect.
+    settings = tmp_path / "settings.toml"
+    settings.write_text(oppload("config", "--set", "alarm.plgmd_floor=9").stdout)
+    for same in (("--set", "alarm.factor=8"), ("--config", settings)):
+        assert "skipped" in oppload(*words, *same).stderr
     for more, difference in (
         (("--set", "opplod.gain=2"), "with opplod.gain = 1.0, not 2.0"),
         (("--preset", "reference"), "of preset default, not reference"),

@@ -70,6 +70,11 @@ WRONG = [
         "--set opplod.gain=2 has no effect, as 'opplod' does not run; give --model opplod too",
     ),
     (
+        ["run", "CLIP", "--model", "dlgmd", "--set", "alarm.opplod_floor=2"],
+        2,
+        "--set alarm.opplod_floor=2 has no effect, as 'opplod' does not run; give --model opplod",
+    ),
+    (
         ["run", "CLIP", "--model", "opplod:reference", "--preset", "paper"],
         2,
         "--model asks for preset 'reference' and --preset for 'paper'; leave one out",

@@ -278,18 +278,23 @@ def test_a_run_in_which_nothing_could_respond_says_so(tmp_path: Path) -> None:
         "has a working size of 1 x 1 px: below 13 px no detector is known to respond to an "
         "approach; choose a larger working height"
     )
+    one = (
+        "has no response of frame difference to any frame, so that nothing could cause an alarm: "
+        "it ends within the warm-up of 1 interval of 1/30 s; give a longer video"
+    )
     part = ("--duration", "f3", "--model", "dlgmd", "--set", "time.interval=frame")
     for more, said in (
         (("--set", "time.interval=10"), warm_up),
+        (("--duration", "f1", "--model", "frame_difference"), one),
         (part, frames),
         (("--height", "1"), small),
         ((), None),
     ):
         done = oppload("run", path, *words, *more)
         remarks = json.loads((tmp_path / "a.oppload.json").read_text())["remarks"]
-        told = [each for each in (warm_up, frames, small) if each in remarks]
+        told = [each for each in (warm_up, frames, one, small) if each in remarks]
         assert told == [said] * (said is not None)
-        assert [each for each in (warm_up, frames, small) if each in done.stderr] == told
+        assert [each for each in (warm_up, frames, one, small) if each in done.stderr] == told
         assert done.returncode == 0
 
 

@@ -121,28 +121,32 @@ def test_a_missing_file() -> None:
         resolve(config=Path("nowhere.toml"))
 
 
-def test_only_the_detectors_that_a_setting_may_be_of_have_parameters() -> None:
+def test_only_detectors_that_run_or_are_set_have_parameters(tmp_path: Path) -> None:
     common = ["alarm", "places", "rmo", "repeats", "time"]
     assert list(resolve(models=["lgmd2"]).groups) == ["lgmd2", *common]
     assert list(resolve(assignments=["opplod.gain=2"]).groups) == ["opplod", "dlgmd", *common]
     assert resolve(models=["lgmd2"]).alarm.names()[-1] == "lgmd2_floor"
     other = resolve(models=["lgmd2"], assignments=["plgmd.seed=2"])
-    assert list(other.groups) == [*detectors(), *common]
+    assert list(other.groups) == ["lgmd2", "plgmd", *common]
+    floors = resolve(models=["lgmd2"], assignments=["alarm.factor=5", "alarm.plgmd_floor=2"])
+    assert list(floors.groups) == ["lgmd2", "plgmd", *common]
+    assert floors.alarm.names()[-2:] == ("lgmd2_floor", "plgmd_floor")
+    assert (floors.alarm.factor, floors.alarm.floor_of("plgmd")) == (5, 2)
+    path = write(tmp_path, 'preset = "reference"\n[opplod]\ngain = 2')
+    filed = resolve(config=path)
+    assert list(filed.groups) == ["opplod", "dlgmd", *common]
+    assert filed.alarm == resolve(preset="reference").alarm
 
 
 def test_settings_of_all_detectors_keep_their_values() -> None:
     given = ["opplod.gain=2", "rmo.sides=2"]
     few = resolve(preset="reference", assignments=given)
     every = few.with_all_detectors()
-    # An assignment of an alarm makes `resolve` load all detectors itself.
-    whole = resolve(preset="reference", assignments=[*given, "alarm.factor=30"])
-    assert list(every.groups) == list(whole.groups)
-    assert {name: each.as_dict() for name, each in every.groups.items()} == {
-        name: each.as_dict() for name, each in whole.groups.items()
-    }
+    assert list(every.groups) == [*detectors(), *list(few.groups)[2:]]
+    assert all(every.groups[name] == group for name, group in few.groups.items() if name != "alarm")
     assert every.groups["opplod"].as_dict()["gain"] == 2
     floor = alarm_floor_of("plgmd", "reference")
     assert every.groups["alarm"].as_dict()["plgmd_floor"] == floor > 0
-    assert whole.with_all_detectors() is whole
+    assert every.with_all_detectors() is every
     other = replace(few, groups={**few.groups, "alarm": few.alarm.replaced(factor=5)})
     assert other.with_all_detectors().alarm.factor == 5
