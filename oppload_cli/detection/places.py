@@ -224,7 +224,7 @@ class Places:
         -------
         list of Track
             The objects of this frame, the largest response first. The frame's winning unit belongs
-            to the first object.
+            to the first object, unless nothing moves outward on both sides of it.
         """
         self._maps = maps
         if maps.pathways:

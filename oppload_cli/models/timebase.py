@@ -19,7 +19,7 @@ from oppload_cli.schema import Parameters, parameter
 
 FRAME = "frame"
 _REFERENCE_S = Fraction(REFERENCE_INTERVAL)
-_SHORTEST_S, _LONGEST_S = 1e-4, 10.0
+_SHORTEST_S, _LONGEST_S = Fraction("0.0001"), Fraction(10)  # exact, as the values are
 NEARLY_ONE = 0.03  # tolerance: times in files are rounded, often to milliseconds
 # Spans of time such as 0.4 s are often a whole number of frames. Then the rounding of the times
 # must not decide whether a frame is within the span: it is if it is beyond by at most this.
@@ -49,8 +49,8 @@ class TimeParams(Parameters):
             seconds = Fraction(0)
         if not _SHORTEST_S <= seconds <= _LONGEST_S:
             raise ParameterError(
-                f"parameter 'interval' of time must be 'frame', or {_SHORTEST_S:g} to "
-                f"{_LONGEST_S:g} seconds such as 1/30 or 0.04, not '{self.interval}'"
+                f"parameter 'interval' of time must be 'frame', or {float(_SHORTEST_S):g} to "
+                f"{_LONGEST_S} seconds such as 1/30 or 0.04, not '{self.interval}'"
             )
         return seconds
 

@@ -91,6 +91,14 @@ def test_the_message_names_a_wrong_file_and_its_mistake(
     assert str(path) in str(caught.value)
 
 
+def test_the_bounds_of_the_interval_are_allowed() -> None:
+    for text in ("0.0001", "10"):
+        assert resolve(assignments=[f"time.interval={text}"]).time.interval == text
+    for text in ("0.00009", "10.1"):
+        with pytest.raises(ParameterError, match=f"0.0001 to 10 seconds .* not '{text}'"):
+            resolve(assignments=[f"time.interval={text}"])
+
+
 @pytest.mark.parametrize(
     ("assignment", "message"),
     [
