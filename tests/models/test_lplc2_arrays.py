@@ -14,6 +14,7 @@ from oppload_cli.models import published
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.published import emd_lplc2_gf, mlplc2, zhou_lrf
 from oppload_cli.models.registry import detector_named
+from tests.media import grey_frames
 from tests.models import lplc2_reference as literal
 
 if TYPE_CHECKING:
@@ -157,6 +158,12 @@ def test_emd_lplc2_gf_answers_to_looming_only() -> None:
     assert found[-1].collision == 1
     for kind in ("receding", "translation", "grating", "pan", "noise", "dimming"):
         assert {each.active for each in answers("emd_lplc2_gf", scene(kind))[1:]} == {0}, kind
+
+
+def test_units_of_emd_lplc2_gf_are_never_minus_zero() -> None:
+    found = answers("emd_lplc2_gf", grey_frames(4))[1:]
+    values = np.array([(each.lplc2_sum, each.lplc2_max, each.lplc2_centre) for each in found])
+    assert not np.signbit(values).any()  # a table would show "-0"
 
 
 def test_emd_lplc2_gf_reduces_taller_frames() -> None:

@@ -101,6 +101,7 @@ def _arms(motion: Plane, length: int, width: int, threshold: float) -> Plane:
     before *= before > threshold
     after *= after > threshold
     before *= after
+    before += 0  # makes -0, the product of a negative sum, to 0, so that tables do not show it
     return np.asarray(before, np.float64)
 
 
