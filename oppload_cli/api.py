@@ -13,7 +13,7 @@ import pandas as pd
 
 from oppload_cli.errors import OutputError, ParameterError, counted
 from oppload_cli.files.atomic import write_atomic
-from oppload_cli.files.reading import is_file, is_there
+from oppload_cli.files.reading import is_file
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.pipeline.execute import collected
@@ -28,6 +28,7 @@ from oppload_cli.results.truths import facts_of_truth, usable_truth
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
 from oppload_cli.video.inputs import GROUND_TRUTH, result_stem
+from oppload_cli.video.source import Video
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -290,10 +291,11 @@ def run(
     with open_source(source, rate=rate, times=times, height=pixels, preset=preset) as frames:
         truth = ground_truth(frames.protocol) if isinstance(frames, StimulusVideo) else None
         columns, sidecar = collected(frames, chosen, records.append, truth)
+        # The names of stimuli and arrays are no paths.
+        is_input = isinstance(frames, Video)
     found = [detection_values(each, one) for each in records for one in each.detections]
     name = sidecar["input"]["name"]
-    named = isinstance(source, str | Path) and is_there(Path(source))
-    stem = result_stem(name) if named else file_stem(name)
+    stem = result_stem(name) if is_input else file_stem(name)
     table = _table([record.values() for record in records], columns)
     return Result(Path(f"{stem}{TABLE}"), table, sidecar, _detections(found))
 

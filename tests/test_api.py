@@ -58,6 +58,16 @@ def test_a_result_has_the_files_of_the_command_line(
     assert result.save(tmp_path / "api", "other").name == "other.frames.csv"
 
 
+def test_patterns_and_open_videos_give_the_names_of_the_command_line(tmp_path: Path) -> None:
+    for index, frame in enumerate(FRAMES[:3]):
+        assert cv2.imwrite(str(tmp_path / f"view_{index:04d}.png"), frame)
+    pattern = tmp_path / "view_%04d.png"
+    options: dict[str, Any] = {"models": ["frame_difference"], "rmo": False}
+    assert oppload.run(pattern, **options).path.name == "view.frames.csv"
+    with oppload.open_video(pattern) as video:
+        assert oppload.run(video, **options).path.name == "view.frames.csv"
+
+
 def as_path(folder: Path) -> Path:
     return write_video(folder / "loom.avi", FRAMES)
 
