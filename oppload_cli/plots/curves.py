@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
@@ -38,6 +39,7 @@ from oppload_cli.plots.style import (
     names_in,
     norm_of,
     panel_grid,
+    short_number,
     styled_figure,
     wrapped,
     write_title,
@@ -495,7 +497,22 @@ def _draw_bar(figure: Figure, images: Sequence[AxesImage], label: str, scale: st
     )  # fmt: skip
     if thresholded:
         bar.set_ticks([0.01, 0.1, 1, 10, 100], labels=["≤0.01", "0.1", "1", "10", "≥100"])
+    elif isinstance(norm, LogNorm):
+        _write_few_numbers(bar)
     return bar
+
+
+def _write_few_numbers(bar: Colorbar) -> None:
+    """Write few numbers at a logarithmic colour bar that has one power of ten.
+
+    Matplotlib also writes 2, 3, 4 and 6 times this power, which overlap below a narrow map.
+    """
+    powers = np.arange(np.ceil(np.log10(bar.vmin)), np.floor(np.log10(bar.vmax)) + 1)
+    if len(powers) == 1:
+        numbers = [share * 10.0 ** powers[0] for share in (0.3, 1, 3)]
+        ticks = [number for number in numbers if bar.vmin <= number <= bar.vmax]
+        bar.set_ticks(ticks, labels=[short_number(tick) for tick in ticks])
+        bar.minorformatter = NullFormatter()
 
 
 def _binned(time: Series, value: Series, begin: float, end: float, bins: int) -> Series:

@@ -284,6 +284,20 @@ def test_heat_maps_of_many_detectors_lie_apart_with_their_words(tmp_path: Path, 
     assert min(panel.get_position().width for panel in axes) > 0.1
 
 
+def test_the_numbers_of_a_short_logarithmic_colour_bar_do_not_overlap(tmp_path: Path) -> None:
+    rows = rows_of_eight()
+    for at, row in enumerate(rows[3:]):
+        row |= {f"{name}_response": f"{0.0031 * 1.1**at:.9g}" for name in EIGHT}  # to 0.096
+    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
+    results = [replace(result, path=tmp_path / f"clip-{number}.frames.csv") for number in range(25)]
+    figure, axes = plot_curves(results, models=EIGHT[:6], scale="raw")
+    figure.draw_without_rendering()
+    for bar in figure.axes[len(axes) :]:
+        axis = bar.xaxis
+        shown = [tick.label1 for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]]
+        assert [label.get_text() for label in shown if label.get_text()] == ["0.01", "0.03"]
+
+
 def test_a_title_of_wide_letters_is_not_cut(tmp_path: Path) -> None:
     name = "A VIDEO OF THE CAMERA ON THE BOW OF THE MOTORBOAT, IN THE MORNING, MWMWMWMWMWMWMWM"
     result = result_in(tmp_path)
