@@ -39,7 +39,9 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     phase = end - start - elapsed if obj.reverse else elapsed
     sign = (-1.0 if obj.reverse else 1.0) if moving else 0.0
     extent = _extent_of(obj, phase, start, end).times(sign)
-    travel, velocity, turn = _movement(obj.motion, phase, obj.axis_deg, f"{protocol.seed}/{obj.id}")
+    travel, velocity, turn = _movement(
+        obj.motion, phase, obj.axis_deg, f"{protocol.seed}/{obj.id}", backwards=obj.reverse
+    )
     x, y = obj.centre_deg[0] + travel[0], obj.centre_deg[1] + travel[1]
     centre, moved = _in_scene(protocol, (x, y), (sign * velocity[0], sign * velocity[1]), time)
     speed = extent.forward_speed + extent.backward_speed
@@ -181,11 +183,12 @@ def _turned(point: _Vector, angle: float) -> _Vector:
 
 
 def _movement(
-    motion: Motion | None, elapsed: float, axis_deg: float, seed: str
+    motion: Motion | None, elapsed: float, axis_deg: float, seed: str, *, backwards: bool = False
 ) -> tuple[_Vector, _Vector, float]:
     """Return displacement [right, up] in degrees, velocity in deg/s, and turn in degrees.
 
     `axis_deg` is the direction of a motion that states none; the text `seed` sets the shake.
+    `backwards` tells whether the motion is played backwards, so that `elapsed` falls.
     """
     if motion is None:
         return _STILL, _STILL, 0.0
@@ -193,7 +196,7 @@ def _movement(
     speed = motion.speed_deg_s
     x_speed, y_speed = speed * math.cos(heading), speed * math.sin(heading)
     x, y = x_speed * elapsed, y_speed * elapsed
-    for (dx, dy), (vx, vy) in (_path(motion, elapsed), shaken(motion, elapsed, seed)):
+    for (dx, dy), (vx, vy) in (_path(motion, elapsed, backwards), shaken(motion, elapsed, seed)):
         x, y, x_speed, y_speed = x + dx, y + dy, x_speed + vx, y_speed + vy
     return (x, y), (x_speed, y_speed), motion.rotation_deg_s * elapsed
 
@@ -219,12 +222,15 @@ def _luminance_at(
     return base + (brightness.to - base) * share
 
 
-def _path(motion: Motion, elapsed: float) -> tuple[_Vector, _Vector]:
+def _path(motion: Motion, elapsed: float, backwards: bool) -> tuple[_Vector, _Vector]:
     """Return the displacement and the velocity along the points of a path."""
     points, times = motion.path_deg, motion.path_s
     if not points:
         return _STILL, _STILL
-    reached = bisect.bisect_right(times, elapsed + ROUNDING_S)
+    if backwards:  # at a point, the velocity is that from the point before to this one
+        reached = bisect.bisect_left(times, elapsed - ROUNDING_S)
+    else:
+        reached = bisect.bisect_right(times, elapsed + ROUNDING_S)
     if reached in {0, len(points)}:  # before the first point, or after the last one
         return points[max(reached - 1, 0)], _STILL
     (x0, y0), (x1, y1) = points[reached - 1 : reached + 1]
@@ -265,7 +271,7 @@ def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
     if growth is not None and contact is not None:
         return _approach(growth, contact - start - elapsed)
     if growth is not None and growth.kind == "edge-speed":
-        return _constant_edge_speed(growth, size, elapsed)
+        return _constant_edge_speed(growth, size, elapsed, obj.reverse)
     if growth is not None:
         reached = bisect.bisect_right(growth.times_s, elapsed + ROUNDING_S)
         size = growth.sizes_deg[reached - 1] if reached else size
@@ -287,7 +293,7 @@ def _approach(growth: Growth, remaining: float) -> Extent:
     return Extent(half, half, speed, speed)
 
 
-def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> Extent:
+def _constant_edge_speed(growth: Growth, size: float, elapsed: float, backwards: bool) -> Extent:
     """Return the reach of a shape whose edges move at constant speed; `size` is that at first."""
     speed = growth.speed_deg_s or 0.0
     forward = speed if growth.sides in {"both", "forward"} else 0.0
@@ -295,7 +301,9 @@ def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> Extent:
     moving = True
     if growth.end_deg is not None:
         duration = abs(growth.end_deg - size) / (forward + backward)
-        moving, elapsed = elapsed + ROUNDING_S < duration, min(elapsed, duration)
+        # At the time of its last size a growth is over; played backwards, it begins there.
+        late = -ROUNDING_S if backwards else ROUNDING_S
+        moving, elapsed = elapsed + late < duration, min(elapsed, duration)
         if growth.end_deg < size:
             forward, backward = -forward, -backward
     reach = Extent(size / 2 + forward * elapsed, size / 2 + backward * elapsed, forward, backward)

@@ -148,6 +148,24 @@ def test_a_disk_that_shrinks_backwards_passes_as_one_that_grows(speed: float, lo
     assert truth.looming is looms
 
 
+def test_a_growth_played_backwards_moves_from_its_first_frame_on() -> None:
+    """The growth takes the complete second; forwards it moves in the frames 6 to 35, too."""
+    obj = disk(size_deg=20, growth=Growth(kind="edge-speed", speed_deg_s=5, end_deg=10))
+    for reverse in (False, True):
+        protocol = made(dataclasses.replace(obj, reverse=reverse))
+        truths = [frame_truth(protocol, frame) for frame in range(protocol.frame_count)]
+        moving = [truth.frame for truth in truths if truth.objects[0].edge_speed_deg_s]
+        assert moving == list(range(6, 36))
+        assert [truth.frame for truth in truths if truth.looming] == (moving if reverse else [])
+
+
+def test_at_a_point_of_a_path_played_backwards_the_speed_is_that_of_the_next_way() -> None:
+    path = Motion(path_s=(0.0, 0.5, 1.0), path_deg=((0, 0), (4, 0), (4, 1)))
+    protocol = made(disk(size_deg=5, motion=path, reverse=True))
+    speeds = [frame_truth(protocol, frame).objects[0].edge_speed_deg_s for frame in range(45)]
+    assert speeds == pytest.approx([0] * 6 + [2] * 15 + [8] * 15 + [0] * 9)
+
+
 def test_one_end_only() -> None:
     growth = Growth(kind="edge-speed", speed_deg_s=20, sides="forward", end_deg=20)
     bar = Object(id="bar", kind="bar", size_deg=10, width_deg=4, axis_deg=90, growth=growth)
