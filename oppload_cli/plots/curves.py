@@ -507,12 +507,13 @@ def _write_few_numbers(bar: Colorbar) -> None:
 
     Matplotlib also writes 2, 3, 4 and 6 times this power, which overlap below a narrow map.
     """
-    powers = np.arange(np.ceil(np.log10(bar.vmin)), np.floor(np.log10(bar.vmax)) + 1)
+    first, last = bar.ax.get_xlim()
+    powers = np.arange(np.ceil(np.log10(first)), np.floor(np.log10(last)) + 1)
     if len(powers) == 1:
-        numbers = [share * 10.0 ** powers[0] for share in (0.3, 1, 3)]
-        ticks = [number for number in numbers if bar.vmin <= number <= bar.vmax]
+        numbers = [share * 10.0 ** float(powers[0]) for share in (0.3, 1, 3)]
+        ticks = [number for number in numbers if first <= number <= last]
         bar.set_ticks(ticks, labels=[short_number(tick) for tick in ticks])
-        bar.minorformatter = NullFormatter()
+        bar.ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _binned(time: Series, value: Series, begin: float, end: float, bins: int) -> Series:
