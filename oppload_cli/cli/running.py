@@ -29,6 +29,7 @@ from oppload_cli.errors import (
     OpploadError,
     OutputError,
     ParameterError,
+    ResultError,
     SourceError,
     StimulusError,
     counted,
@@ -199,7 +200,11 @@ def _report(tasks: Iterator[Task], options: RunOptions) -> int:
         return ExitCode.DONE
     folder, quiet = options.output, options.quiet
     roots = [folder] * len(tables)
-    page, code = write_pages(tables, folder, roots=roots, jobs=options.jobs, quiet=quiet)
+    try:
+        page, code = write_pages(tables, folder, roots=roots, jobs=options.jobs, quiet=quiet)
+    except ResultError as error:  # none of the results has a page, but all have their files
+        say(f"oppload: {error}")
+        return ExitCode.INCOMPLETE
     if not quiet:
         say(f"page: {page}")
     return code

@@ -448,6 +448,17 @@ def test_a_run_with_a_report(tmp_path: Path, capsys: Capture) -> None:
         assert run(capsys, "run", clip, "--report", *wrong).returncode == 2
 
 
+def test_a_run_that_is_too_short_for_a_page_keeps_its_files(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    clip = write_numbered_result(tmp_path, "one").with_name("one.mkv")
+    more = ("--end", "f2", "--report", "--no-rmo", "-j", "1")
+    done = run(capsys, "run", clip, "-o", tmp_path / "out", *more)
+    assert done.returncode == 4
+    assert "column 'opplod_response' is empty in every row" in done.stderr
+    assert (tmp_path / "out" / "one.frames.csv").exists()
+
+
 def test_a_retry_makes_an_index_of_all_results(tmp_path: Path, capsys: Capture) -> None:
     clip, out = write_numbered_result(tmp_path, "one").with_name("one.mkv"), tmp_path / "out"
     late = tmp_path / "two.mkv"
