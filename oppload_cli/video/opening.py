@@ -48,6 +48,7 @@ _WIDEST_SAMPLE = 2  # bytes
 # ahead while the other process loads the detectors.
 MOST_SLOTS, _LEAST_SLOTS = 64, 3
 _SHARED_BYTES = 1 << 24  # most shared memory, unless `_LEAST_SLOTS` slots need more
+_PARTS = 8  # one message frees an eighth of the slots
 
 
 class Opening:
@@ -191,7 +192,8 @@ class _DecodingProcess:
                 plane = samples[: shape[0] * shape[1]].reshape(shape)
                 ordinal += 1
                 yield Picture(index, time_s, plane, bits, full_range)
-                self._free_slot()
+                if not ordinal % self._slots.at_once:
+                    self._free_slots()
             self.decode = message
         except EOFError:
             how = self._ending()
@@ -229,8 +231,8 @@ class _DecodingProcess:
             raise message
         return message
 
-    def _free_slot(self) -> None:
-        """Tell the process that the slot of the latest picture is free again."""
+    def _free_slots(self) -> None:
+        """Tell the process that the slots of the latest `at_once` pictures are free again."""
         with self._lock:  # else another thread could close the connection meanwhile
             if not self._connection.closed:
                 with suppress(OSError):  # the process has ended; the next `_received` reports it
@@ -251,6 +253,8 @@ class _Slots:
         page = mmap.ALLOCATIONGRANULARITY
         self._size = -(-_WIDEST_SAMPLE * working.width * working.height // page) * page
         self.count = max(_LEAST_SLOTS, min(MOST_SLOTS, _SHARED_BYTES // self._size))
+        # A message for each single slot would take a twentieth of a run's time.
+        self.at_once = max(1, self.count // _PARTS)
         os.ftruncate(memory, self.count * self._size)
         self._memory = memoryview(mmap.mmap(memory, self.count * self._size))
 
@@ -282,13 +286,16 @@ def _decode(
         theirs.send((source.facts, source.decode))
         resizing = Resizing(*working.coded(source.facts.rotation))
         slots = _Slots(memory, working)
+        in_use = 0
         for ordinal, picture in enumerate(span.within(source)):
             plane = resizing(picture.plane)
-            if ordinal >= slots.count:
-                theirs.recv_bytes()  # the main process has freed the next slot
+            while in_use == slots.count:
+                theirs.recv_bytes()
+                in_use -= slots.at_once
             slots.of(ordinal)[: plane.nbytes] = plane.tobytes()
             facts = (picture.index, picture.time_s, picture.bits, picture.full_range)
             theirs.send((*facts, plane.shape, plane.dtype.str))
+            in_use += 1
         theirs.send(source.decode)
     except BaseException as error:
         story = "".join(traceback.format_exception(error))
