@@ -161,8 +161,8 @@ class _Docstring:
 
     def __get__(self, table: object, kind: type[Table]) -> str:
         lines = self._lines
-        # The decorator `dataclass` asks for the docstring before the values are known.
-        if "__dataclass_params__" in vars(kind) and kind.declared():
+        # `dataclass` reads the docstring before it sets this, when names of types may be unknown.
+        if "__match_args__" in vars(kind) and kind.declared():
             first = (n - 1 for n, line in enumerate(lines) if line and set(line) == {"-"})
             end = next(first, len(lines))
             section = ["", "Parameters", "----------", *kind._described(), ""]

@@ -37,6 +37,18 @@ class SomeParams(Parameters):
     cell: int | None = parameter(None, "cell", high=10)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Early(Table):
+    """A table whose value is of a class that is defined below."""
+
+    later: Later | None = parameter(None, "another table")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Later(Table):
+    size: float = parameter(1.0, "size")
+
+
 def test_values_are_converted() -> None:
     outer = Outer.from_table(
         {"rate": 29.97, "place": [0, 1], "inner": {"size": 3}, "kind": "bar", "width": 2}, "a.toml"
@@ -151,6 +163,7 @@ def test_the_docstring_of_a_table_describes_its_values() -> None:
     ]
     assert (Described.__doc__ or "").splitlines() == described
     assert Described().__doc__ == Described.__doc__
+    assert "later : table or None\n    another table." in (Early.__doc__ or "")
     assert (Motion.__doc__ or "").startswith(
         "How a shape, a pattern or the complete scene moves.\n"
     )
