@@ -1,13 +1,12 @@
 """The renderer: from a protocol to frames of luminance with their ground truth.
 
-A painter puts one object of the protocol, a shape or a pattern, onto the picture. Its method
-`pose` returns the object at a time, in seconds of the clip, with the attribute `visible`; `paint`
-paints the object in that pose onto a picture, float32 (h, w) luminance, in place.
+A painter puts one object of the protocol, a shape or a pattern, onto the picture.
 """
 
 from __future__ import annotations
 
 import math
+import typing
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -208,6 +207,14 @@ def frames(protocol: Protocol) -> Iterator[StimulusFrame]:
         grey = renderer.grey(index)
         truth = frame_truth(protocol, index)
         yield StimulusFrame(index, truth.time_s, grey, _LUMINANCE[grey], truth)
+
+
+class _AnyPainter(typing.Protocol):
+    def pose(self, time: float) -> Any:
+        """Return the object at a time, in seconds of the clip: its attribute `visible` and more."""
+
+    def paint(self, picture: Picture, pose: Any) -> None:
+        """Paint the object onto the picture, float32 (h, w) luminance, in place."""
 
 
 class _Painter:
@@ -455,7 +462,7 @@ class _PicturePainter:
 
 
 # Every other kind is a shape of one luminance.
-_PAINTERS: dict[str, Callable[[Protocol, Object], Any]] = {
+_PAINTERS: dict[str, Callable[[Protocol, Object], _AnyPainter]] = {
     "patch": _PatchPainter,
     "field": _PatternPainter,
     **dict.fromkeys(GRATINGS, _GratingPainter),
