@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os.path
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -262,8 +261,13 @@ def _draw_results(
     from oppload_cli.plots import rmo
 
     needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
-    models = () if kind == "rmo" else options["models"] or None
-    read = partial(read_result, needed=needed, models=models)
+
+    def read(path: Path) -> BaseResult:
+        result = read_result(path, needed)
+        models = options["models"] or result.models
+        result.need_responses([name for name in models if name in result.models and kind != "rmo"])
+        return result
+
     results, labels = _readable(paths, options["labels"], read, failures)
     for result in results:
         for fault in filter(None, (result.shortfall, truth_fault(result))):

@@ -65,7 +65,8 @@ def plot_rmo(
     ParameterError
         If the axis has no length in seconds, or shows no frame.
     ResultError
-        If a result was made with ``--no-rmo``, a column is empty, or there are too many.
+        If a result was made with ``--no-rmo``, has one frame only, a column is empty, or there are
+        too many results.
 
     Examples
     --------
@@ -82,6 +83,7 @@ def plot_rmo(
             "leave out --output"
         )
     for result in results:
+        result.need_responses(())
         for name in COLUMNS:
             if name not in result.frames.columns:
                 raise ResultError(

@@ -87,9 +87,11 @@ class Content:
         Raises
         ------
         ResultError
-            If the result is of another version, or one of its files is damaged.
+            If the result is of another version, if one of its files is damaged, or if a detector
+            responded to no frame.
         """
         check_schema(result)
+        result.need_responses(result.models)
         curves = [_curve(result, name) for name in result.models]
         placing = placing_detector(result.models)
         name, colour = (placing.name, placing.colour) if placing else ("", "")

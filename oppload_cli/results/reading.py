@@ -166,9 +166,7 @@ def direction_of(parameters: Iterable[str]) -> str | None:
     return next((key for key in parameters if key.rpartition(".")[2] in _DIRECTIONS), None)
 
 
-def read_result(
-    path: Path, needed: Sequence[str] = ("",), models: Sequence[str] | None = None
-) -> BaseResult:
+def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
     """Read a result.
 
     Parameters
@@ -178,8 +176,6 @@ def read_result(
     needed : sequence of str
         Ends of the names of columns to read, in addition to ``frame``, ``time_s`` and the
         responses, because a table of many hours is large. By default all columns are read.
-    models : sequence of str, optional
-        Detectors whose responses must not all be empty; by default all detectors of the result.
 
     Raises
     ------
@@ -195,7 +191,6 @@ def read_result(
         result.need((f"{default_names()[0]}_response",))
     known = {column.name for column in columns_for(result.models, rmo=True, details=True)}
     check_frames(path, frames, known.intersection(frames.columns))
-    result.need_responses([name for name in result.models if models is None or name in models])
     return result
 
 

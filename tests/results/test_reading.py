@@ -47,6 +47,14 @@ def test_the_largest_number_of_a_detector_is_read(tmp_path: Path) -> None:
     assert check_numbers(path, read_result(path).frames, "product").max() == 1.5e28
 
 
+def test_a_result_that_ends_within_the_warm_up_is_read_but_has_no_curve(tmp_path: Path) -> None:
+    path = write_rows(tmp_path / "a.frames.csv", frame_rows(frames=2))
+    result = read_result(path)
+    assert result.frames["opplod_response"].isna().tolist() == [True, True]
+    with pytest.raises(ResultError, match="column 'opplod_response' is empty in every row"):
+        result.need_responses(["opplod"])
+
+
 @pytest.mark.parametrize("chunk", [8, 64, 1 << 16])
 def test_a_row_that_was_cut_is_left_out_whatever_the_length_of_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunk: int
