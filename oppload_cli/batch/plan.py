@@ -27,6 +27,7 @@ from oppload_cli.video.inputs import (
     is_image_file,
     other_stems,
     result_stem,
+    without_truths,
 )
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def planned(named: Iterable[str | Input | Failure], *, recursive: bool = False) 
                 stems.setdefault(name, result_stem(name, folder))
             else:
                 failures.append(Failure(name, "", error.exit_code, str(error)))
-    names = sorted(each_once(stems))
+    names = sorted(without_truths(each_once(stems)))
     single_images = _single_images(names)
     for folder, images in single_images.items():
         message = (

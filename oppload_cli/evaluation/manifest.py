@@ -69,7 +69,10 @@ def read_manifest(path: Path) -> Manifest:
         If the file cannot be read, is not CSV, or lacks a column.
     """
     if is_folder(path):
-        raise ManifestError(f"{path}: is a folder; give its manifest, such as manifest.csv in it")
+        raise ManifestError(
+            f"{path}: is a folder; give its manifest, such as manifest.csv in it, or, if it holds "
+            f"videos of stimuli, {path / '*'}"
+        )
     with reading(path, ManifestError, form="CSV in UTF-8"):
         text = text_of(path, pipes=True)
         rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))

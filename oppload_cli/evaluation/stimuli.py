@@ -17,7 +17,7 @@ from oppload_cli.models.detector import Box
 from oppload_cli.results.truths import read_truth
 from oppload_cli.stimulus.catalogue import parsed_settings
 from oppload_cli.stimulus.objects import PICTURE
-from oppload_cli.video.inputs import is_video, truth_beside
+from oppload_cli.video.inputs import is_video, truth_beside, without_truths
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def clips_of(
             "--boxes goes with a manifest; the boxes of stimuli come from their ground truth"
         )
     settings = parsed_settings(changes)
+    inputs = without_truths(inputs)
     names = [name for name in inputs if not _is_clip(name)]
     videos = {os.path.realpath(name): Path(name) for name in inputs if _is_clip(name)}  # each once
     return _labelled(_protocols_of(names, settings, backgrounds), list(videos.values()))

@@ -22,7 +22,7 @@ from oppload_cli.files.reading import fault_of_stem, is_file, is_folder, is_ther
 from oppload_cli.video.frames import FrameTimes, is_integer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from oppload_cli.video.frames import Picture, PictureSource
 
@@ -220,6 +220,12 @@ def truth_beside(name: str | Path) -> Path:
         path = path.absolute().resolve()
     # The name of a folder may have a dot, as in `disk_l-over-v-2.5`, but has no suffix.
     return path.parent / f"{path.name if folder else path.stem}{GROUND_TRUTH}"
+
+
+def without_truths(names: Sequence[str]) -> list[str]:
+    """Return inputs without the ground truths of others among them: ``folder/*`` names both."""
+    truths = {str(truth_beside(name)) for name in names}
+    return [name for name in names if os.path.normpath(name) not in truths]
 
 
 def rate_beside(name: str) -> Fraction | None:

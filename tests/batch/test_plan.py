@@ -123,6 +123,14 @@ def test_images_that_are_named_one_by_one_fail_once(tree: Path) -> None:
     assert plan.failures == [Failure("images", "", 3, message)]
 
 
+def test_a_ground_truth_beside_its_video_is_no_input(tree: Path) -> None:
+    for name in ("a/x.stimulus.json", "images.stimulus.json", "other.stimulus.json"):
+        (tree / name).touch()
+    assert names("a/x.*", "images", "images.stimulus.json", "other.stimulus.json") == [
+        *("a/x.avi", "images", "other.stimulus.json"),
+    ]
+
+
 def test_a_name_with_brackets_is_itself_first(tree: Path) -> None:
     (tree / "c[1].mp4").touch()
     (tree / "c1.mp4").touch()
