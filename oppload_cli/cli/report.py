@@ -11,6 +11,7 @@ import click
 from oppload_cli.cli import check_display, progress_bar, say, show_file
 from oppload_cli.cli.options import jobs_option, output_option, quiet_option
 from oppload_cli.errors import ExitCode, ParameterError
+from oppload_cli.files.atomic import folder_of_outputs
 from oppload_cli.files.reading import is_folder
 from oppload_cli.processes import cores
 
@@ -58,7 +59,8 @@ def report(
     tables = [table for _, table in found]
     roots = [common if common and is_folder(path) else table.parent for path, table in found]
     folder = output or _folder_of(results)
-    page, code = write_pages(tables, folder, roots=roots, videos=videos, jobs=jobs, quiet=quiet)
+    with folder_of_outputs(folder):
+        page, code = write_pages(tables, folder, roots=roots, videos=videos, jobs=jobs, quiet=quiet)
     click.echo(page)
     if show:
         show_file(page)

@@ -35,7 +35,7 @@ from oppload_cli.errors import (
     counted,
     printable,
 )
-from oppload_cli.files.atomic import make_folder
+from oppload_cli.files.atomic import folder_of_outputs
 from oppload_cli.files.reading import is_file
 from oppload_cli.models.detector import Detector
 from oppload_cli.models.presets import PRESETS
@@ -104,15 +104,15 @@ def run_inputs(
     alone = len(plan) == 1 and not options.for_many
     if alone and plan.failures:
         raise SourceError(plan.failures[0].message)
-    make_folder(options.output)
-    if alone:
-        code = _run_one(next(tasks), options, opening)
-    else:
-        shown = settings.models if settings.alarm.on else ()
-        code = _Batch(plan, shown, options).run(tasks)
-    if not options.report_pages:
-        return code
-    return _report(_tasks(plan, task, options), options) or code
+    with folder_of_outputs(options.output):
+        if alone:
+            code = _run_one(next(tasks), options, opening)
+        else:
+            shown = settings.models if settings.alarm.on else ()
+            code = _Batch(plan, shown, options).run(tasks)
+        if not options.report_pages:
+            return code
+        return _report(_tasks(plan, task, options), options) or code
 
 
 def _check_options(options: RunOptions, settings: Settings) -> None:

@@ -80,6 +80,19 @@ def make_folder(folder: Path) -> None:
         _make_folder(folder)
 
 
+@contextmanager
+def folder_of_outputs(folder: Path) -> Iterator[None]:
+    """Make a folder as `make_folder` does; remove it at the end if it is new and has no file."""
+    is_new = not os.path.lexists(folder)
+    make_folder(folder)
+    try:
+        yield
+    finally:
+        if is_new:
+            with suppress(OSError):  # as it is not empty
+                folder.rmdir()
+
+
 def write_atomic(target: Path | PartFile, content: str | bytes | Iterable[bytes]) -> None:
     """Write a file completely or not at all; text becomes UTF-8.
 

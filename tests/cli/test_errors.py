@@ -27,6 +27,8 @@ def prepared(folder: Path) -> None:
 WRONG = [
     (["run", "missing.mp4"], 3, "missing.mp4: no such file; check the path"),
     (["run", "text.mp4"], 3, "text.mp4: not a video that can be read"),
+    (["run", "text.mp4", "-o", "out"], 3, "text.mp4: not a video that can be read"),
+    (["report", "other.csv", "-o", "out"], 2, "other.csv: has no column 'frame'"),
     (["run", "empty"], 3, "empty: no video and no image in this folder"),
     (["run", "CLIP", "--model", "dlgdm"], 2, "no model 'dlgdm'; did you mean 'dlgmd'?"),
     (["run", "CLIP", "--preset", "papr"], 2, "no preset 'papr'; did you mean 'paper'?"),
