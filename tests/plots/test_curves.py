@@ -402,6 +402,12 @@ def test_a_wrong_option_is_named(result: BaseResult, options: dict[str, str]) ->
         plot_curves(result, **options)  # type: ignore[arg-type]
 
 
+def test_a_texture_that_fills_the_field_has_no_strip_of_its_size(result: BaseResult) -> None:
+    truth = ground_truth(load("controls/texture-pan/direction-0"))
+    result.path.with_name("clip.stimulus.json").write_text(json.dumps(truth))
+    assert len(plot_curves(result)[1]) == 1
+
+
 def test_ground_truth_is_a_strip_with_its_contact(result: BaseResult) -> None:
     truth = ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40"))
     beside = result.path.with_name("clip.stimulus.json")
