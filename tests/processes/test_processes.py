@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from oppload_cli import processes
 from oppload_cli.errors import OutputError, ParameterError
 from oppload_cli.processes.pool import Event, Kind, events, outcomes, results
 from tests.processes.work import (
@@ -130,3 +132,45 @@ def test_events_of_an_item() -> None:
         Event(Kind.TOLD, 4, 1),
         Event(Kind.DONE, 4, 2),
     ]
+
+
+@pytest.mark.parametrize(
+    ("groups", "files", "quota"),
+    [
+        ("0::/", {"cpu.max": "150000 100000"}, 1.5),
+        ("0::/", {"cpu.max": "max 100000"}, math.inf),
+        ("0::/", {"cpu.max": "wrong"}, math.inf),
+        ("0::/a/b", {"a/b/cpu.max": "max 100000", "a/cpu.max": "300000 100000"}, 3),
+        ("0::/a", {"a/cpu.max": "200000 100000", "cpu.max": "100000 100000"}, 1),
+        ("0::/of/the/host", {"cpu.max": "50000 100000"}, 0.5),  # within a container
+        (
+            "4:memory:/m\n3:cpu,cpuacct:/a",
+            {"cpu/a/cpu.cfs_quota_us": "400000", "cpu/a/cpu.cfs_period_us": "100000"},
+            4,
+        ),
+        ("3:cpu:/", {"cpu/cpu.cfs_quota_us": "-1", "cpu/cpu.cfs_period_us": "100000"}, math.inf),
+        ("2:cpuset:/\nwrong\n\n", {"cpu.max": "100000 100000"}, math.inf),
+        (None, {}, math.inf),
+    ],
+)
+def test_the_cores_of_a_container_are_those_of_its_control_groups(
+    groups: str | None,
+    files: dict[str, str],
+    quota: float,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if groups is not None:
+        (tmp_path / "own").write_text(groups)
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(processes, "_GROUPS", tmp_path)
+    monkeypatch.setattr(processes, "_OWN_GROUPS", tmp_path / "own")
+    allowed = processes.cores()
+    processes._quota.cache_clear()
+    try:
+        assert processes._quota() == quota
+        assert processes.cores() == min(allowed, math.ceil(min(allowed, quota)))
+    finally:
+        processes._quota.cache_clear()
