@@ -21,6 +21,7 @@ from oppload_cli.plots.style import (
     short_number,
     wrapped,
 )
+from oppload_cli.results.alarms import uncounted, uncounted_in
 from oppload_cli.results.reading import alarm_rows, known_threshold
 from oppload_cli.results.truths import contacts_of, stated_contact, usable_truth
 
@@ -43,7 +44,6 @@ _RING = 0.03  # half the size of the ring around a peak
 _MARGIN = 0.02  # between labels and curves
 _BAR, _BAR_STEP = 0.97, 0.035  # height of an alarm's highest bar, and from a bar to the next one
 NOT_DOTTED = "no dotted line: threshold above the panel"
-_UNCOUNTED = "above the threshold without an alarm: start, cut, flash, after rest, too short"
 
 
 @dataclass(frozen=True)
@@ -230,8 +230,14 @@ def _alarm_notes(curves: Sequence[Curve], options: CurveOptions) -> list[str]:
     if any(curve.alarms() for curve in curves):
         notes.append("bar at the top: alarm on" if options.bars else "shaded: alarm on")
     silent = [curve for curve in curves if not curve.alarms() and curve.threshold is not None]
-    if any(np.nanmax(curve.scaled("threshold"), initial=0) > 1 for curve in silent):
-        notes.append(_UNCOUNTED)
+    reasons = {
+        uncounted_in(curve.result.part("alarms"), curve.detector)
+        for curve in silent
+        if np.nanmax(curve.scaled("threshold"), initial=0) > 1
+    }
+    if reasons:
+        reason = reasons.pop() if len(reasons) == 1 else uncounted(None)
+        notes.append(f"peak above the threshold, {reason}")
     return notes
 
 

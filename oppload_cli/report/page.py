@@ -12,7 +12,7 @@ from oppload_cli.files.atomic import PART
 from oppload_cli.models.detector import Box
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
-from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted
+from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted_in
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import alarm_rows, check_schema, known_threshold, read_detections
 from oppload_cli.results.truths import contacts_of, find_truth, size_in
@@ -124,10 +124,8 @@ class Content:
         if not best.thresholded:
             return ""
         if best.peak > max([1.0, *(each.peak for each in alarms)]):
-            alarm = self.result.part("alarms").get(best.name)
-            blind = alarm.get("peak_blind") if isinstance(alarm, dict) else None
-            known = blind if isinstance(blind, bool | str) else None
-            return f", {uncounted(known, beside_alarms=bool(alarms))}"
+            held = self.result.part("alarms")
+            return f", {uncounted_in(held, best.name, beside_alarms=bool(alarms))}"
         if best.peak <= 1 and any(each.contact_s is not None for each in alarms):
             return f", {ENOUGH_BEFORE_CONTACT}"
         return ""

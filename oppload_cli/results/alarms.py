@@ -140,6 +140,13 @@ def uncounted(blind: str | bool | None, *, beside_alarms: bool = False) -> str:
     return f"which did not count: {reason}"
 
 
+def uncounted_in(alarms: Mapping[str, Any], model: str, *, beside_alarms: bool = False) -> str:
+    """Return the end of a sentence as `uncounted` does, from the part ``alarms`` of a sidecar."""
+    held = alarms.get(model)
+    blind = held.get("peak_blind") if isinstance(held, dict) else None
+    return uncounted(blind if isinstance(blind, bool | str) else None, beside_alarms=beside_alarms)
+
+
 class AlarmLog:
     """Collects the alarms of one detector from the records of one input."""
 

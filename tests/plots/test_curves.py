@@ -104,15 +104,33 @@ def test_alarms_of_two_detectors_are_bars_whose_colours_do_not_mix(tmp_path: Pat
     assert "bar at the top: alarm on" in labels(panel)
 
 
-def test_a_peak_that_did_not_count_is_explained(tmp_path: Path) -> None:
-    rows = frame_rows()
-    for row in rows:
-        row["opplod_alarm"] = "0"
-    silent = read_result(write_rows(tmp_path / "cut.frames.csv", rows))
-    _, (panel,) = plot_curves(silent, models=["opplod"])
-    assert labels(panel)[1].replace("\n", " ") == (
-        "above the threshold without an alarm: start, cut, flash, after rest, too short"
-    )
+@pytest.mark.parametrize(
+    ("peak_blind", "reason"),
+    [
+        ({"opplod": "start"}, "it came at the start"),
+        ({"opplod": "start", "dlgmd": "start"}, "it came at the start"),
+        ({"opplod": ""}, "it was too short"),
+        (
+            {"opplod": "start", "dlgmd": "cut"},
+            "it came at the start, a cut, a flash, the end of a rest or after a gap, or was too "
+            "short",
+        ),
+    ],
+)
+def test_a_peak_that_did_not_count_is_explained(
+    peak_blind: dict[str, str], reason: str, tmp_path: Path
+) -> None:
+    rows = [row | {"opplod_alarm": "0", "dlgmd_alarm": "0"} for row in frame_rows()]
+    path = write_rows(tmp_path / "cut.frames.csv", rows)
+    floors = dict.fromkeys(("opplod_floor", "dlgmd_floor"), 1e-6)
+    sidecar = {
+        "parameters": {"alarm": {"factor": 0, **floors}},
+        "alarms": {name: {"peak_blind": blind} for name, blind in peak_blind.items()},
+    }
+    path.with_name("cut.oppload.json").write_text(json.dumps(sidecar))
+    _, (panel,) = plot_curves(read_result(path), models=list(peak_blind))
+    note = labels(panel)[len(peak_blind)].replace("\n", " ")
+    assert note == f"peak above the threshold, which did not count: {reason}"
 
 
 def test_a_peak_outside_the_axis_leaves_the_panel_its_size(result: BaseResult) -> None:
