@@ -411,7 +411,10 @@ def _legend(
         title=title or None, title_fontsize=8, alignment="left",
     )  # fmt: skip
     # The figure grows by the lines of the legend, so that the panels keep their height.
-    more = _LINE * 1.5 * (-(-len(entries) // columns) - 1)
+    rows = -(-len(entries) // columns)
+    texts = [str(entry.get_label()) for entry in entries]
+    most = max("\n".join(texts[at : at + rows]).count("\n") for at in range(0, len(texts), rows))
+    more = _LINE * 1.5 * most
     figure.set_figheight(min(MOST_HEIGHT, figure.get_figheight() + more))
 
 
