@@ -87,8 +87,8 @@ def run_tasks(
     inputs : int
         The number of tasks.
     jobs : int
-        Number of processes, each of which runs a task at a time; 0 means the cores that the
-        affinity mask allows. With one job, this process runs the tasks.
+        Number of processes, each of which runs a task at a time. With one job, this process runs
+        the tasks.
     scheduler : str, optional
         The cluster that runs the tasks instead: the scheduler's address such as
         ``tcp://host:8786``, or its scheduler file.
@@ -101,7 +101,7 @@ def run_tasks(
         If dask.distributed is not installed, the scheduler does not answer or has no worker, or a
         worker has no oppload or another version of it. No task has begun then.
     """
-    jobs = min(jobs or cores(), inputs)
+    jobs = min(jobs, inputs)
     if scheduler:
         with _connected(scheduler) as client:
             _check_workers(client, scheduler)

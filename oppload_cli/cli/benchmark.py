@@ -23,7 +23,6 @@ from oppload_cli.evaluation.detectors import chosen_detectors
 from oppload_cli.evaluation.evaluate import evaluate
 from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.files.atomic import make_folder
-from oppload_cli.processes import cores
 
 
 @click.command(short_help="compare all detectors on one set of stimuli")
@@ -85,7 +84,7 @@ def benchmark(
             bar.update(done - bar.n)
 
         folder = output / "stimuli"
-        shown = show(columns, detectors, folder, jobs=jobs or cores(), progress=progress)
+        shown = show(columns, detectors, folder, jobs=jobs, progress=progress)
     if counts[0]:
         say(
             f"{counts[0]} of {counts[-1]} stimuli kept from an earlier run of the same code "
@@ -94,7 +93,7 @@ def benchmark(
     clips = None
     if read is not None:
         with progress_bar(len(read.entries), "clip", quiet=quiet) as clip_bar:
-            clips = evaluate(read, detectors, jobs=jobs or cores(), progress=clip_bar.update)
+            clips = evaluate(read, detectors, jobs=jobs, progress=clip_bar.update)
         for fault in (*read.notes, *clips.faults):
             say(f"oppload: {fault}")
     found = Benchmark(shown, detectors, clips)

@@ -21,7 +21,6 @@ from oppload_cli.cli.options import (
 from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.models.presets import EXAMPLE_SETTING
-from oppload_cli.processes import cores
 
 
 @click.command(short_help="measure detection, lead time and false alarms on labelled clips")
@@ -113,9 +112,7 @@ def evaluate(
         for fault in (*read.notes, *read.faults):
             say(f"oppload: {fault}")
         with progress_bar(len(read.entries), "clip", quiet=quiet) as bar:
-            found = evaluation.evaluate(
-                read, chosen, jobs=jobs or cores(), draws=draws, progress=bar.update
-            )
+            found = evaluation.evaluate(read, chosen, jobs=jobs, draws=draws, progress=bar.update)
         for fault in found.faults[len(read.faults) :]:
             say(f"oppload: {fault}")
         made = write_evaluation(found, output, claim, lambda: time.perf_counter() - started)

@@ -15,6 +15,7 @@ import oppload_cli as oppload
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.reading import is_folder
 from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
+from oppload_cli.processes import cores
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -89,6 +90,7 @@ def jobs_option(things: str) -> Callable[[Command], Command]:
         type=click.IntRange(0, 1024),
         default=0,
         show_default=True,
+        callback=lambda _context, _option, jobs: jobs or cores(),
         help=f"Number of {things} done at the same time, each in its own process; 0: one per core.",
     )
 

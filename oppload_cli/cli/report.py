@@ -13,7 +13,6 @@ from oppload_cli.cli.options import jobs_option, output_option, quiet_option
 from oppload_cli.errors import ExitCode, ParameterError
 from oppload_cli.files.atomic import folder_of_outputs
 from oppload_cli.files.reading import is_folder
-from oppload_cli.processes import cores
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -91,7 +90,7 @@ def write_pages(
             folder,
             roots=roots,
             videos=videos,
-            jobs=jobs or cores(),
+            jobs=jobs,
             frames=bar.update if alone else None,
             done=None if alone else bar.update,
         )

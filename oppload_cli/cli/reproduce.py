@@ -16,7 +16,6 @@ from oppload_cli.cli.options import (
     quiet_option,
 )
 from oppload_cli.files.atomic import claimed, refuse_existing, write_atomic
-from oppload_cli.processes import cores
 from oppload_cli.reproduction.claims import FIGURES, Built, build, chosen, pages_of
 
 if TYPE_CHECKING:
@@ -74,7 +73,7 @@ def reproduce(
                     write_atomic(output / name, content)
                 bar.update()
 
-            figures = build(names, jobs=jobs or cores(), form=form, done=write)
+            figures = build(names, jobs=jobs, form=form, done=write)
         pages, verdicts = pages_of(figures, time.perf_counter() - started, form)
         for name, content in pages.items():
             write_atomic(claim if name == "report.json" else output / name, content)

@@ -27,7 +27,6 @@ from oppload_cli.cli.stimuli import say_remarks
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.files.atomic import PartFile, claimed, refuse_existing
 from oppload_cli.models.presets import STUDY_PRESET
-from oppload_cli.processes import cores
 from oppload_cli.stimulus.catalogue import parsed_settings
 
 if TYPE_CHECKING:
@@ -142,7 +141,7 @@ def _run(
             settings,
             presentations=presentations,
             indicator_s=indicator_s,
-            jobs=jobs or cores(),
+            jobs=jobs,
             progress=bar.update,
         )
     doubts = list(doubts_about(conditions, entry, settings, indicator_s))

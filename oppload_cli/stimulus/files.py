@@ -302,7 +302,7 @@ def write_all(
     directory, form, preview, new
         As for :func:`write`.
     jobs : int
-        Number of processes that write stimuli at the same time; 0: one per core.
+        Largest number of processes that write stimuli at the same time; 0: one per core.
     progress : callable or None
         Called with the number of frames written since the last call.
 
@@ -313,7 +313,7 @@ def write_all(
     """
     one = partial(_written, directory=directory, form=form, preview=preview, new=new)
     # To start a process takes as long as to write one or two stimuli.
-    jobs = jobs or max(1, min(len(protocols) // 2, cores()))
+    jobs = max(1, min(len(protocols) // 2, jobs or cores()))
     with closing(outcomes(one, protocols, jobs, named=attrgetter("name"), told=progress)) as coming:
         done: dict[int, Written | OpploadError] = dict(coming)
     return [done[position] for position in range(len(protocols))]
