@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from oppload_cli.models.registry import detector_named, known_names
 from oppload_cli.report import writing
 from oppload_cli.report.writing import write_report
 from tests.report.make import ALARMS, FIRST, LAST, TIMES_MS, number_of, write_numbered_result
@@ -217,6 +218,28 @@ def test_dark_and_narrow(browser: Browser, page: Path, wide: int) -> None:
     assert ground == "rgb(22, 24, 28)"
     assert browser.run("return document.documentElement.scrollWidth") <= wide
     assert browser.complaints() == []
+
+
+def test_every_detector_is_visible_in_the_dark(browser: Browser, page: Path) -> None:
+    opened(browser, page, dark=True)
+    colour = """
+        const key = document.querySelector(".names .key");
+        key.setAttribute("style", key.getAttribute("style").replaceAll(arguments[1], arguments[0]));
+        const found = getComputedStyle(key).backgroundColor;
+        const most = found.startsWith("rgb") ? 255 : 1;
+        return found.match(/[0-9.]+/g).map((each) => Number(each) / most);
+    """
+
+    def luminance(shares: list[float]) -> float:
+        red, green, blue = (((each + 0.055) / 1.055) ** 2.4 for each in shares)
+        return float(0.2126 * red + 0.7152 * green + 0.0722 * blue)
+
+    ground = luminance([22 / 255, 24 / 255, 28 / 255])
+    before = detector_named("opplod").colour
+    for name in known_names():
+        shown = browser.run(colour, detector_named(name).colour, before)
+        before = detector_named(name).colour
+        assert (luminance(shown) + 0.05) / (ground + 0.05) > 3, name  # as WCAG asks of graphics
 
 
 def test_a_print_holds_all_alarms(browser: Browser, page: Path) -> None:

@@ -158,7 +158,7 @@ def test_an_alarm_below_the_threshold_is_explained(table: Path) -> None:
 def test_the_index_names_the_colours_of_the_detectors_once(table: Path) -> None:
     index = write_report([table, table], table.parent).first.read_text()
     legend = index[index.index('<p class="legend">') : index.index("</header>")]
-    assert re.findall(r'fill="([^"]+)"/></svg> ([^<]+)<', legend) == [
+    assert re.findall(r'fill="([^"]+)"[^>]*></svg> ([^<]+)<', legend) == [
         (detector_named(name).colour, detector_named(name).label) for name in ("opplod", "dlgmd")
     ]
 

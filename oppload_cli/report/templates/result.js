@@ -214,7 +214,7 @@
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
     ctx.globalAlpha = opacity;
-    ctx.fillStyle = colour;
+    ctx.fillStyle = lifted(colour);
     ctx.fillRect(left, bbox.top + height[0], right - left, height[1] - height[0]);
     ctx.restore();
   }
@@ -285,7 +285,7 @@
       series: [
         {},
         ...curves.map((curve) => ({
-          stroke: curve.colour,
+          stroke: () => lifted(curve.colour),
           width: 1.6,
           points: { show: false },
           spanGaps: false,
@@ -451,7 +451,11 @@
     return made;
   }
 
-  const key = (colour) => element("span", { class: "key", style: `background: ${colour}` });
+  const key = (colour) => element("span", { class: "key", style: `background: ${colour}; background: ${mixed(colour)}` });
+  const mixed = (colour) => `color-mix(in srgb, ${colour}, white var(--lift))`;
+
+  /** A colour for a canvas, in which variables of a style have no meaning. */
+  const lifted = (colour) => mixed(colour).replace("var(--lift)", css("--lift"));
 
   function plain(value) {
     if (value >= 100 || Number.isInteger(value)) return value.toLocaleString("en", { maximumFractionDigits: 0 });
