@@ -223,16 +223,12 @@ def _fault(detector: Detector, returned: object) -> str:
 def _plain(response: Response) -> Response:
     """Return a response with Python's numbers, as no table or JSON file takes all of NumPy's.
 
-    The mean of an image of float32, for example, is a float32.
+    The mean of an image of float32, for example, is a float32. A float64 is replaced too: JSON
+    takes it, but not the result of comparing it with a threshold.
     """
     changed: dict[str, Any] = {
-        name: value.item() for name, value in vars(response).items() if _is_numpy_only(value)
+        name: each.item() for name, each in vars(response).items() if isinstance(each, np.generic)
     }
-    if response.box is not None and any(map(_is_numpy_only, response.box)):
-        changed["box"] = Box(*map(float, response.box))
+    if any(isinstance(side, np.generic) for side in response.box or ()):
+        changed["box"] = Box(*map(float, response.box or ()))
     return replace(response, **changed) if changed else response
-
-
-def _is_numpy_only(value: object) -> bool:
-    """Return whether a value is a number of NumPy that is no float of Python."""
-    return isinstance(value, np.generic) and not isinstance(value, float)
