@@ -149,16 +149,17 @@ def _check_loaded(names: Sequence[str]) -> None:
     """Raise ParameterError if a file or a module of ``--load`` has registered no detector."""
     if not names:
         return
-    from oppload_cli.models.registry import detectors
+    from oppload_cli.models.registry import detectors, modules_of
 
     own = {each.__module__ for each in detectors().values()}
     own = {module for module in own if not module.startswith("oppload_cli.")}
-    modules = {
-        name: f"loaded_{Path(name).stem}" if name.endswith(".py") else name for name in names
-    }
+    absolute = os.environ[LOAD].split(os.pathsep)  # by `_load`
+    modules = modules_of(absolute)
     registering = {
-        name: {each for each in own if each == module or each.startswith(f"{module}.")}
-        for name, module in modules.items()
+        name: {
+            each for each in own if each == modules[path] or each.startswith(f"{modules[path]}.")
+        }
+        for name, path in zip(names, absolute, strict=True)
     }
     if own.difference(*registering.values()):
         return  # one of the files imports the module that registers a detector

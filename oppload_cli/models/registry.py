@@ -132,8 +132,8 @@ def load(name: str) -> None:
         )
     try:
         if path.suffix == ".py":
-            # Working processes load the same file and look for its classes in this module.
-            title = f"loaded_{path.stem}"
+            # Working processes load the same files and look for their classes in these modules.
+            title = modules_of([*_loaded, name])[name]
             spec = cast("ModuleSpec", spec_from_file_location(title, path.absolute()))
             sys.modules[title] = module_from_spec(spec)
             cast("Loader", spec.loader).exec_module(sys.modules[title])
@@ -147,6 +147,22 @@ def load(name: str) -> None:
         raise ParameterError(
             f"--load {name}: cannot be imported ({type(error).__name__}: {error}); correct it"
         ) from error
+
+
+def modules_of(names: Iterable[str]) -> dict[str, str]:
+    """Return the module of each name of ``--load``; each file has a module of its own.
+
+    The first of several files of one name, in different folders, has the shortest module.
+    """
+    modules: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        path, title = Path(name), name
+        if path.suffix == ".py":
+            title = f"loaded_{path.stem.replace('.', '_')}"  # a dot would mean a package
+            while title in modules.values():
+                title += "_"
+        modules[name] = title
+    return modules
 
 
 def load_only(files: Sequence[dict[str, str]]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import pickle
 import shlex
 import sys
 from itertools import pairwise
@@ -138,6 +139,27 @@ def test_a_file_that_cannot_be_loaded_is_named(
     ):
         with pytest.raises(ParameterError, match=fault):
             registry.load(name)
+
+
+def test_files_of_any_name_have_modules_of_their_own(own: Path, tmp_path: Path) -> None:
+    """Other processes find the classes in them, also if two files have one name or a dot."""
+    names = ["darkening", *(f"own_{letter}" for letter in "abc")]
+    files = [own, *(tmp_path / name / "own.py" for name in "ab"), tmp_path / "own.v2.py"]
+    modules = dict(zip(names, registry.modules_of(map(str, files)).values(), strict=True))
+    try:
+        for name, file in zip(names, files, strict=True):
+            file.parent.mkdir(exist_ok=True)
+            file.write_text(DETECTOR.replace('"darkening"', f'"{name}"'))
+            registry.load(str(file))
+        for name, module in modules.items():
+            detector = registry.detector_named(name)
+            assert detector.__module__ == module
+            sent = pickle.loads(pickle.dumps(detector.parameters()))  # noqa: S301
+            assert type(sent) is detector.parameters
+    finally:
+        for name, module in modules.items():
+            registry.forget(name)
+            sys.modules.pop(module, None)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no name has a colon there")
