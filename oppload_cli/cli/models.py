@@ -160,7 +160,7 @@ def _groups(preset: str) -> dict[str, Parameters]:
 
 
 def _lines(params: type[Parameters]) -> Iterator[str]:
-    width = max(20, *(len(each.name) + 1 for each in params.declared()))
+    width = max([20, *(len(each.name) + 1 for each in params.declared())])
     for entry in _entries(params):
         unit = f" {entry['unit']}" if entry["unit"] else ""
         default = "auto" if entry["default"] is None else str(entry["default"])

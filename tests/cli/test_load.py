@@ -141,6 +141,13 @@ def test_a_file_that_cannot_be_loaded_is_named(
             registry.load(name)
 
 
+def test_a_detector_without_parameters_is_described(own: Path) -> None:
+    registry.load(str(own))
+    done = inside.oppload("models", "darkening")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("darkening  (share of pixels that darkened)\n")
+
+
 def test_files_of_any_name_have_modules_of_their_own(own: Path, tmp_path: Path) -> None:
     """Other processes find the classes in them, also if two files have one name or a dot."""
     names = ["darkening", *(f"own_{letter}" for letter in "abc")]
