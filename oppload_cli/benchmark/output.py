@@ -18,7 +18,7 @@ from oppload_cli.files.atomic import output_errors, remove, write_atomic
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.files.tables import Cell, finite_text, open_csv
 from oppload_cli.models.registry import detectors
-from oppload_cli.plots.style import PAGE, SHADES, image_bytes, save, styled_figure
+from oppload_cli.plots.style import PAGE, SHADES, image_bytes, plain, save, styled_figure
 from oppload_cli.results.table import write_sidecar
 
 if TYPE_CHECKING:
@@ -249,7 +249,7 @@ def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
                         color="black" if bright else "white", fillstyle=fill,
                     )  # fmt: skip
         axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor")
-        axes.set_yticks(range(len(names)), [label_of(name) for name in names])
+        axes.set_yticks(range(len(names)), [plain(label_of(name)) for name in names])
         axes.set_xlabel(table.axis)
         axes.set_title(f"{table.title}\nshades: response over that to the looming disk\n{_DOTS}")
         axes.tick_params(length=0)

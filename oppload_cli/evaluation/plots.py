@@ -12,7 +12,7 @@ from oppload_cli.evaluation.metrics.alarms import AT_ONE, RATES
 from oppload_cli.evaluation.metrics.clips import AHEAD
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.models.registry import detectors
-from oppload_cli.plots.style import DASHES, FAINT, INK, styled_figure
+from oppload_cli.plots.style import DASHES, FAINT, INK, plain, styled_figure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -150,7 +150,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
         axes.barh(y, values, height * 0.9, color=look["color"], label=look["label"])
         axes.errorbar(values, y, xerr=spread, fmt="none", ecolor=look["color"], elinewidth=0.9)
         highest = max(highest, values.max(initial=0))
-    labels = [f"{kind}\n{counted(one.n, 'clip')}" for kind, one in kinds.items()]
+    labels = [f"{plain(kind)}\n{counted(one.n, 'clip')}" for kind, one in kinds.items()]
     axes.set_yticks(range(len(kinds)), labels)
     axes.invert_yaxis()
     axes.set_xlim(0, _SHOWN * highest)  # intervals of few clips are too long to show completely
@@ -169,7 +169,7 @@ def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
 def _looks(performances: Performances) -> Iterator[tuple[Performance, dict[str, Any]]]:
     """Yield each performance with the label, colour and dashes of its line."""
     for index, (name, each) in enumerate(performances.items()):
-        look = {"label": label_of(name), "color": _colour_of(name), "lw": 1.2}
+        look = {"label": plain(label_of(name)), "color": _colour_of(name), "lw": 1.2}
         yield each, {**look, "ls": DASHES[index % len(DASHES)]}
 
 

@@ -39,6 +39,7 @@ from oppload_cli.plots.style import (
     names_in,
     norm_of,
     panel_grid,
+    plain,
     short_number,
     styled_figure,
     wrapped,
@@ -389,7 +390,7 @@ def _value_label(scale: str, curve: Curve) -> str:
     return {
         "threshold": "response / alarm threshold",
         "peak": "response / peak",
-        "raw": f"response ({unit})",
+        "raw": f"response ({plain(unit)})",
     }[scale]
 
 
@@ -398,7 +399,7 @@ def _legend(
 ) -> None:
     """Write the title, the colours of the detectors and the notes above all panels."""
     lines = {
-        curve.name: Line2D([], [], color=curve.colour, ls=curve.dash, label=curve.name)
+        curve.name: Line2D([], [], color=curve.colour, ls=curve.dash, label=plain(curve.name))
         for curves in panels
         for curve in curves
     }
@@ -440,7 +441,9 @@ def _draw_heat(
         for panel, detector in zip(axes, detectors, strict=True):
             cells = [row.get(detector) for row in rows]
             images.append(_draw_rows(panel, cells, options.xlim or ends, scale))
-            panel.set_title(detector_named(detector).label, fontsize=8 if lines == 1 else 6.8)
+            panel.set_title(
+                plain(detector_named(detector).label), fontsize=8 if lines == 1 else 6.8
+            )
             if options.align:
                 panel.axvline(0, color="white", lw=0.7, linestyle=(0, (4, 2)))
         for panel in axes[-columns:]:

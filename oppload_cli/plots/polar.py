@@ -24,6 +24,7 @@ from oppload_cli.plots.style import (
     labels_of,
     looks_of,
     panel_grid,
+    plain,
     short_number,
     styled_figure,
     wrapped,
@@ -346,7 +347,7 @@ def draw_polar(
     axes.grid(color=FAINT, lw=0.4)
     axes.spines["polar"].set_color(FAINT)
     axes.tick_params(pad=0)
-    label = f"response ({curves[0].unit})" if raw else "response / peak"
+    label = f"response ({plain(curves[0].unit)})" if raw else "response / peak"
     narrow = across < LEGEND_WIDTH
     between = ";\n" if narrow else "; "
     axes.set_xlabel(f"radius: {label}{between}angle: {_angle_of(curves)}")

@@ -424,7 +424,12 @@ def wrapped(text: str, width: int) -> str:
         if width <= _LEAST_WIDTH or max(map(_width_em, lines), default=0) <= most:
             break
         width -= 1
-    return re.sub(r"(?<!\\)\$", r"\\$", "\n".join(lines))  # matplotlib reads formulas between "$"
+    return plain("\n".join(lines))
+
+
+def plain(text: str) -> str:
+    """Return a text for a figure; matplotlib would read a formula between two dollar signs."""
+    return re.sub(r"(?<!\\)\$", r"\\$", text)
 
 
 @cache

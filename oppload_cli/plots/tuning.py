@@ -35,6 +35,7 @@ from oppload_cli.plots.style import (
     names_in,
     norm_of,
     panel_grid,
+    plain,
     short_number,
     styled_figure,
     wrapped,
@@ -320,7 +321,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
                     look["fillstyle"], look["linestyle"] = next(grey)
                 _draw_line(panel, curve, parameter, look, raw=raw)
             unit = group[0].detector.unit
-            panel.set_ylabel(f"peak response ({unit})" if raw else "peak / largest peak")
+            panel.set_ylabel(f"peak response ({plain(unit)})" if raw else "peak / largest peak")
             begin_at_zero(panel)
             if not many:
                 panel.legend(

@@ -43,6 +43,14 @@ def test_leads_and_kinds_are_those_of_the_figures() -> None:
     assert [bar.get_width() for bar in axes.patches] == pytest.approx([0, 2, 0])  # type: ignore[attr-defined]
 
 
+def test_dollar_signs_in_a_kind_of_motion_are_no_formula() -> None:
+    clips = [clip(peaks(100, {50: 1.0}), motion=r"$\frac{1}$")]
+    found = measured(clips, NAME, draws_of([False], 100))
+    figure = figure_of("false-alarms.png", {NAME: found})
+    figure.draw_without_rendering()  # which would refuse the formula
+    assert figure.axes[0].get_yticklabels()[0].get_text() == "\\$\\frac{1}\\$\n1 clip"
+
+
 def test_many_equal_leads_stay_in_the_row_of_their_detector() -> None:
     clips = [*[clip(peaks(100, {85: 1.0}), 80, 90)] * 20, clip(peaks(603, {100: 0.5}))]
     found = measured(clips, NAME, draws_of([each.label.looming for each in clips], 100))

@@ -287,6 +287,16 @@ def test_a_long_name_leaves_a_heat_map_its_width(tmp_path: Path) -> None:
     assert not last.overlaps(before)
 
 
+@pytest.mark.parametrize("count", [1, 4, 25])  # a panel, small panels and a heat map
+def test_dollar_signs_in_the_words_of_a_detector_are_no_formula(
+    tmp_path: Path, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for words in ("label", "unit"):
+        monkeypatch.setattr(detector_named("dlgmd"), words, r"$\frac{1}$")
+    figure, _ = plot_curves(several(tmp_path, count), models=["dlgmd"], scale="raw")
+    figure.draw_without_rendering()  # which would refuse the formula
+
+
 @pytest.mark.parametrize("scale", ["threshold", "raw"])
 def test_heat_maps_of_many_detectors_lie_apart_with_their_words(tmp_path: Path, scale: str) -> None:
     result = read_result(write_rows(tmp_path / "clip.frames.csv", rows_of_eight()))
