@@ -100,7 +100,10 @@ class AreaGrowth(Detector):
         self._before = now
         size = math.sqrt(self._area)
         self._sizes.append(size)
-        dsize = (size - self._sizes[0]) / _SPAN if len(self._sizes) > _SPAN else 0.0
-        growth = dsize / size if size else 0.0
+        before = self._sizes[0] if len(self._sizes) > _SPAN else size
+        dsize = (size - before) / _SPAN
+        # Not dsize / size: from a size of 0 the growth is the same for each size, without a
+        # rounding error that would rank approaches and controls.
+        growth = (1 - before / size) / _SPAN if size else 0.0
         values = self._area, size, dsize, growth, difference
         return AreaGrowthResponse(max(growth, 0.0), None, *values)

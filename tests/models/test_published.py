@@ -372,6 +372,11 @@ def test_area_growth_is_one_over_the_time_to_contact() -> None:
     assert 1 / found[51].growth == pytest.approx(contact - 50 + 3, rel=0.03)
     retreat = [frames[0], *frames[:0:-1]]
     assert peak(answers("area_growth", retreat)[5:]) == 0
+    # All areas that appear grow alike: a rounding error would rank approaches and controls.
+    areas = [[np.where(np.arange(25) < size, 255, 0).astype(np.uint8).reshape(5, 5)]
+             for size in range(1, 25)]  # fmt: skip
+    still = [np.zeros((5, 5), np.uint8)] * 4
+    assert {peak(answers("area_growth", still + area)) for area in areas} == {1 / 3}
 
 
 def test_ttc_gradient_tells_the_time_to_contact_and_the_place() -> None:
