@@ -19,7 +19,7 @@ from oppload_cli.models.timebase import Clock
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from oppload_cli.models.detector import Detector, Response
+    from oppload_cli.models.detector import Detector, Response, UnitMaps
     from oppload_cli.models.dpc import Map
     from oppload_cli.models.timebase import TimeParams
     from oppload_cli.schema import Parameters
@@ -83,10 +83,11 @@ class DetectorBank:
                 raise ParameterError(f"model '{kind.name}' is given twice; name each once")
             with _named(kind, "cannot be made"):
                 detector = kind(shape, each, frame_rate=frame_rate, layers=layers)
-            if detector.interpolated not in INTERPOLATED:
+                interpolated = detector.interpolated
+            if interpolated not in INTERPOLATED:
                 raise DetectorError(
                     f"detector '{kind.name}': its property 'interpolated' is "
-                    f"{detector.interpolated!r:.60}; return one of {', '.join(INTERPOLATED)}"
+                    f"{interpolated!r:.60}; return one of {', '.join(INTERPOLATED)}"
                 )
             self.detectors[kind.name] = detector
 
@@ -138,7 +139,8 @@ class DetectorBank:
         """
         for each in self.detectors.values():
             if each.interpolated != "none" and not self._separated:
-                each.separate()
+                with _named(type(each), "its separate failed"):
+                    each.separate()
         self._separated = True
 
     def see(self, luma: Map, time_s: float | None = None) -> None:
@@ -159,12 +161,18 @@ class DetectorBank:
         luma = luma.view()
         luma.flags.writeable = False
         responses = {
-            name: _response_of(each, luma)
+            name: _answer(each, "step", luma)
             for name, each in self.detectors.items()
             if between in {"", each.interpolated}
         }
         self.responded |= {name for name, each in responses.items() if each is not None}
         return {n: self._at_rest(n) if each is None else each for n, each in responses.items()}
+
+    def units_of(self, name: str) -> UnitMaps | None:
+        """Return the units of a detector at the latest frame; None if it has no units."""
+        detector = self.detectors[name]
+        with _named(type(detector), "its units failed"):
+            return detector.units
 
     def at_rest(self, intervals: float) -> dict[str, Response | None]:
         """Return every detector's response to a frame in which nothing changed.
@@ -178,16 +186,17 @@ class DetectorBank:
         return {name: self._at_rest(name) for name in self.detectors}
 
     def _at_rest(self, name: str) -> Response | None:
-        return self.detectors[name].at_rest() if name in self.responded else None
+        return _answer(self.detectors[name], "at_rest") if name in self.responded else None
 
 
-def _response_of(detector: Detector, luma: Map) -> Response | None:
-    with _named(type(detector), "its step failed"):
-        response = detector.step(luma)
+def _answer(detector: Detector, method: str, *arguments: Map) -> Response | None:
+    """Return the response that a method of a detector gives, after a check."""
+    with _named(type(detector), f"its {method} failed"):
+        response: Response | None = getattr(detector, method)(*arguments)
     if response is None:
         return None
     if fault := _fault(detector, response):
-        raise DetectorError(f"detector '{detector.name}': its step returned {fault}")
+        raise DetectorError(f"detector '{detector.name}': its {method} returned {fault}")
     return _plain(response)
 
 

@@ -232,7 +232,7 @@ class DetectorPass:
     ) -> tuple[Detection, ...]:
         if response is None:
             return ()
-        places, units = self._places[name], self._bank.detectors[name].units
+        places, units = self._places[name], self._bank.units_of(name)
         if units is None:
             found = places.of_box(response)
         else:

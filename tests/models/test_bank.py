@@ -24,6 +24,8 @@ from tests.media import disk, looming
 from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tests.media import Luma
 
 __all__ = ["many_bands"]
@@ -270,6 +272,31 @@ def test_a_detector_that_fails_or_changes_the_frame_is_named() -> None:
         assert frame.flags.writeable
     finally:
         registry.forget("failing")
+
+
+@pytest.mark.parametrize("member", ["at_rest", "separate", "units"])
+def test_each_member_that_fails_is_named(member: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Detector) -> None:
+        raise ValueError("own words")
+
+    failing = property(fail) if member == "units" else fail
+    monkeypatch.setattr(Loose, "answer", Response(1.0))
+    monkeypatch.setattr(Loose, "interpolated", "both")
+    monkeypatch.setattr(Loose, member, failing, raising=False)
+    registry.register(Loose)
+    try:
+        bank = DetectorBank((9, 9), [LooseParams()])
+        bank.step(np.zeros((9, 9), np.float32))
+        calls: dict[str, Callable[[], object]] = {
+            "at_rest": lambda: bank.at_rest(1),
+            "separate": bank.separate,
+            "units": lambda: bank.units_of("loose"),
+        }
+        with pytest.raises(DetectorError, match=f"detector 'loose': its {member} failed") as failed:
+            calls[member]()
+        assert "ValueError: own words" in str(failed.value)
+    finally:
+        registry.forget("loose")
 
 
 class _Unmakable(Loose):
