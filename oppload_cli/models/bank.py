@@ -205,7 +205,8 @@ def _named(detector: type[Detector], fault: str) -> Iterator[None]:
     """Turn an error in the code of a user's detector into a DetectorError that names it."""
     try:
         yield
-    except Exception as error:
+    # SystemExit: code that calls exit() would end a process, or the worker of a cluster.
+    except (Exception, SystemExit) as error:
         if isinstance(error, OpploadError | MemoryError) or is_of_package(detector):
             raise
         last = traceback.extract_tb(error.__traceback__)[-1]

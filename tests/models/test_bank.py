@@ -275,9 +275,12 @@ def test_a_detector_that_fails_or_changes_the_frame_is_named() -> None:
 
 
 @pytest.mark.parametrize("member", ["at_rest", "separate", "units"])
-def test_each_member_that_fails_is_named(member: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("kind", [ValueError, SystemExit])
+def test_each_member_that_fails_is_named(
+    member: str, kind: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(_: Detector) -> None:
-        raise ValueError("own words")
+        raise kind("own words")
 
     failing = property(fail) if member == "units" else fail
     monkeypatch.setattr(Loose, "answer", Response(1.0))
@@ -294,7 +297,7 @@ def test_each_member_that_fails_is_named(member: str, monkeypatch: pytest.Monkey
         }
         with pytest.raises(DetectorError, match=f"detector 'loose': its {member} failed") as failed:
             calls[member]()
-        assert "ValueError: own words" in str(failed.value)
+        assert f"{kind.__name__}: own words" in str(failed.value)
     finally:
         registry.forget("loose")
 
