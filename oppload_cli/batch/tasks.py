@@ -136,8 +136,9 @@ def _attempt(task: Task, watcher: Watcher) -> Outcome | Failure:
     """Run one task; return a Failure instead of raising an error, so that the others can go on."""
     try:
         return run_task(task, watcher)
-    except DetectorError as error:  # its message does not name the input
-        return _failed(task, f"{task.name}: {error}", error.exit_code)
+    except (DetectorError, ParameterError) as error:  # its message may not name the input
+        fault = str(error).removeprefix(f"{task.name}: ")
+        return _failed(task, f"{task.name}: {fault}", error.exit_code)
     except OpploadError as error:
         return _failed(task, str(error), error.exit_code)
     except Exception as error:

@@ -159,6 +159,21 @@ def test_failures_spare_the_others_and_are_tried_again(clips: Path, tmp_path: Pa
     assert not (out / "failures.csv").exists()
 
 
+def test_an_input_that_does_not_suit_the_settings_is_named(tmp_path: Path) -> None:
+    """Also once only, where the message has the name already."""
+    for name in ("a.avi", "b.avi"):
+        write_video(tmp_path / name, grey_frames(3))
+    words = ("run", "a.avi", "b.avi", "-j", "1", "--no-rmo", "--if-exists", "overwrite")
+    for options, fault in (
+        (("--height", "12", "--model", "mlplc2"), "model 'mlplc2' needs frames of at least 15"),
+        (("--start", "f90"), "has no frame in the part that --start, --end and"),
+    ):
+        done = oppload(*words, *options, cwd=tmp_path)
+        assert done.returncode == 2
+        for name in ("a.avi", "b.avi"):
+            assert f"oppload: {name}: {fault}" in done.stderr
+
+
 def test_every_input_failing_is_no_success(tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4"):
         (tmp_path / name).write_text("no video")
