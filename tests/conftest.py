@@ -7,10 +7,12 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import pytest
 from hypothesis import settings
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from oppload_cli.compute import loops
 from tests.browser import browser
@@ -89,3 +91,17 @@ def _signals(_answered: dict[int, Any]) -> Iterator[None]:
     yield
     for number, handler in _answered.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Save the texts of a figure in place of its drawing, which would take longest by far.
+
+    For tests of names, messages and texts; what a drawing looks like is tested with `plots`.
+    """
+
+    def save_texts(figure: Figure, file: BinaryIO, **_options: object) -> None:
+        for text in figure.findobj(Text):
+            file.write(f"<!-- {text.get_text()} -->\n".encode())
+
+    monkeypatch.setattr(Figure, "savefig", save_texts)

@@ -305,6 +305,7 @@ def test_it_has_a_line_in_a_tuning(tmp_path: Path, capsys: Capture) -> None:
     assert f"stroke: {Toy.colour.lower()}" in drawn
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_it_has_rows_in_an_evaluation(clip: Path, tmp_path: Path, capsys: Capture) -> None:
     write_video(tmp_path / "speck.avi", approach()[:30])
     shutil.copy(clip, tmp_path / "clip.avi")

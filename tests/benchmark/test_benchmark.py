@@ -242,7 +242,7 @@ def test_the_command_writes_tables_figures_and_a_page(
     assert again == first
 
 
-@pytest.mark.usefixtures("_small_battery")
+@pytest.mark.usefixtures("_small_battery", "undrawn")
 def test_a_benchmark_with_other_settings_is_replaced_on_request_only(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -262,7 +262,7 @@ def test_a_benchmark_with_other_settings_is_replaced_on_request_only(
     assert "with other detectors and tables" in inside.run(capsys, *call).stderr
 
 
-@pytest.mark.usefixtures("_small_battery")
+@pytest.mark.usefixtures("_small_battery", "undrawn")
 def test_faults_of_the_clips_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_video(tmp_path / "a.avi", grey_frames(10))
     manifest = tmp_path / "clips.csv"

@@ -135,6 +135,7 @@ def test_a_wrong_tuning_table(text: str, sentence: str, tmp_path: Path, capsys: 
     assert not list(tmp_path.glob("*.png"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_results_of_different_lengths(tmp_path: Path, capsys: Capture) -> None:
     paths = [write_result(tmp_path / f"{n}.frames.csv", n) for n in (40, 30)]
     figure = tmp_path / "both.png"
@@ -147,6 +148,7 @@ def test_results_of_different_lengths(tmp_path: Path, capsys: Capture) -> None:
     assert figure.exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_look_of_a_figure(tmp_path: Path, capsys: Capture) -> None:
     paths = [write_result(tmp_path / f"{name}.frames.csv") for name in "ab"]
     figure = tmp_path / "both.svg"
@@ -165,6 +167,7 @@ def test_the_look_of_a_figure(tmp_path: Path, capsys: Capture) -> None:
     assert (done.returncode, "its time of contact is not known" in done.stderr) == (2, True)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_contacts_come_from_a_manifest(tmp_path: Path, capsys: Capture) -> None:
     for name, contact in (("a", 20), ("b", 30)):
         write_result(tmp_path / f"{name}.frames.csv", peak=contact)
@@ -186,6 +189,7 @@ def test_contacts_come_from_a_manifest(tmp_path: Path, capsys: Capture) -> None:
     assert "<!-- onset -->" in drawn
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_of_several_clips_of_one_name_the_path_decides(tmp_path: Path, capsys: Capture) -> None:
     for name, contact in (("a", 20), ("b", 30)):
         (tmp_path / name).mkdir()
@@ -211,6 +215,7 @@ def test_of_several_clips_of_one_name_the_path_decides(tmp_path: Path, capsys: C
     assert (done.returncode, "are named 'clip.avi'; plot it from" in done.stderr) == (2, True)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_contact_after_the_end_is_given_in_seconds(tmp_path: Path, capsys: Capture) -> None:
     table = write_result(tmp_path / "a.frames.csv", 40)
     done = run(capsys, "plot", table, "--contact", "f63")
@@ -239,6 +244,7 @@ def test_a_file_beside_a_table_is_no_table(tmp_path: Path, capsys: Capture) -> N
     )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_lists_of_a_batch_are_no_results(tmp_path: Path, capsys: Capture) -> None:
     """``oppload plot results/*.csv`` names these lists too."""
     own = write_result(tmp_path / "a.frames.csv")
@@ -264,6 +270,7 @@ def test_the_settings_of_matplotlib_of_a_user_change_nothing(
     assert plain.read_bytes() == own.read_bytes()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_polar_prints_peak_and_selectivity(tmp_path: Path, capsys: Capture) -> None:
     angles = {"scene.rotation_deg": [0.0, 90, 180, 270]}
     path = write_tuning(
@@ -279,6 +286,7 @@ def test_polar_prints_peak_and_selectivity(tmp_path: Path, capsys: Capture) -> N
     assert "LPLC2, 60 deg bar: peak 0.23 (of the loom)" in overlaid.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_show_needs_a_display(
     tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -328,15 +336,17 @@ def test_a_flat_video_gives_zeros(tmp_path: Path, capsys: Capture) -> None:
     assert (done.returncode, "OppLoD never responded" in done.stderr) == (2, True)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_damaged_ground_truth_is_left_out_and_told(tmp_path: Path, capsys: Capture) -> None:
     path = write_result(tmp_path / "clip.frames.csv")
     (tmp_path / "clip.stimulus.json").write_text("{")
     done = run(capsys, "plot", path, "-o", tmp_path / "a.png")
     assert done.returncode == 0
     assert f"{path}: its ground truth is left out ({tmp_path / 'clip.stimulus.json'}" in done.stderr
-    assert (tmp_path / "a.png").stat().st_size > 1000
+    assert (tmp_path / "a.png").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_result_without_a_response_does_not_keep_the_others_from_being_drawn(
     tmp_path: Path, capsys: Capture
 ) -> None:
@@ -365,6 +375,7 @@ def test_a_result_without_a_response_does_not_keep_the_others_from_being_drawn(
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_another_kind_has_a_name_of_its_own(tmp_path: Path, capsys: Capture) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     tuned = write_tuning(
@@ -411,6 +422,7 @@ def test_an_option_without_effect_is_an_error(
     assert not list(tmp_path.glob("*.png"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_map_without_a_sidecar_says_so(tmp_path: Path, capsys: Capture) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     done = run(capsys, "plot", table, "--kind", "map")

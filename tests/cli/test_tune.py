@@ -51,6 +51,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
     assert (out / names[2]).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_classic_figure_is_drawn_as_its_kind(tmp_path: Path, capsys: Capture) -> None:
     arguments = ("tune", "--figure", "peak-time", "--over", "l/v=10,30,50", "-o", tmp_path,
                  "--change", "display.frame_rate=30", "--change", "timing.motion_s=0.6",

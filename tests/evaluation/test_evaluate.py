@@ -208,6 +208,7 @@ def test_the_same_clips_give_the_same_bytes(
     assert reports[0] == reports[1]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_faults_are_reported_and_the_rest_runs(
     labelled: Path, tmp_path: Path, capsys: Capture
 ) -> None:

@@ -140,6 +140,7 @@ def test_boxes_and_strips_are_drawn_on_the_page(evaluation: Evaluation) -> None:
     assert min(y for _, y in points_of(false)) == 4  # cut above three times the threshold
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_nan_and_infinity_are_null_in_the_report(evaluation: Evaluation, tmp_path: Path) -> None:
     with claimed(tmp_path / "report.json", "error") as claim:
         written = list(write_evaluation(evaluation, tmp_path, claim, lambda: 2.0))
