@@ -87,3 +87,21 @@ def write_video(
         for packet in stream.encode():
             written.mux(packet)
     return path
+
+
+def write_film(path: Path, width: int = 64, height: int = 48, times: int = 60) -> Path:
+    """Write 60 pictures many times: a video longer than any test waits, encoded in no time."""
+    with av.open(str(path), "w") as written:
+        stream: Any = written.add_stream("mpeg4", rate=30, options={"g": "1"})
+        stream.height, stream.width, stream.pix_fmt = height, width, "yuv420p"
+        pictures = [
+            av.VideoFrame.from_ndarray(each, "gray") for each in grey_frames(60, width, height)
+        ]
+        packets = [packet for each in [*pictures, None] for packet in stream.encode(each)]
+        contents = [bytes(packet) for packet in packets]
+        for at, content in enumerate(contents * times):
+            packet = av.Packet(content)
+            packet.stream, packet.pts, packet.dts = stream, at, at
+            packet.time_base, packet.is_keyframe = Fraction(1, 30), True
+            written.mux(packet)
+    return path

@@ -25,7 +25,7 @@ from oppload_cli.version import __version__
 from tests.cli.process import oppload
 from tests.cli.test_batch import FAST, sidecars, tables
 from tests.cli.test_load import DETECTOR
-from tests.media import grey_frames, write_video
+from tests.media import grey_frames, write_film, write_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -176,8 +176,7 @@ def test_a_cluster_with_another_version_or_none(client: Answering, sentence: str
 @pytest.mark.slow
 def test_an_interrupt_stops_the_tasks_on_the_workers(tmp_path: Path) -> None:
     film, out = tmp_path / "film.avi", tmp_path / "out"
-    frames = grey_frames(60) * 60
-    write_video(film, frames, codec="mpeg4", pixel_format="yuv420p")
+    write_film(film)
     part = out / "film.frames.csv.part"
     with ExitStack() as stack:
         file = stack.enter_context(scheduler(tmp_path))
@@ -203,7 +202,7 @@ def test_an_interrupt_stops_the_tasks_on_the_workers(tmp_path: Path) -> None:
 @pytest.mark.parametrize("how", ["stopped", "killed"])
 def test_a_scheduler_that_ends_under_way(tmp_path: Path, how: str) -> None:
     film, out = tmp_path / "film.avi", tmp_path / "out"
-    write_video(film, grey_frames(60) * 60, codec="mpeg4", pixel_format="yuv420p")
+    write_film(film)
     part, file = out / "film.frames.csv.part", tmp_path / "scheduler.json"
     words = ["run", str(film), "-o", str(out), "--scheduler", str(file)]
     with (

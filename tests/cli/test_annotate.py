@@ -13,7 +13,7 @@ import av
 import pytest
 
 from tests.cli.inside import oppload
-from tests.media import grey_frames, write_video
+from tests.media import grey_frames, write_film, write_video
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -120,7 +120,7 @@ def test_a_batch_gives_the_same_and_takes_no_result_for_an_input(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_an_interrupted_run_leaves_a_video_that_plays(tmp_path: Path) -> None:
-    film = write_video(tmp_path / "film.avi", grey_frames(60) * 20)
+    film = write_film(tmp_path / "film.avi", times=20)
     out = tmp_path / "out"
     part = out / "film.frames.csv.part"
     with subprocess.Popen(

@@ -18,7 +18,7 @@ from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile
 from tests.cli.inside import Done, oppload, run
 from tests.cli.process import InTurn, in_turn
-from tests.media import grey_frames, write_video
+from tests.media import grey_frames, write_film, write_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -48,8 +48,7 @@ def mounted(folder: Path, options: str) -> Iterator[Path]:
 
 
 def test_a_disk_that_fills_up(clip: Path, tmp_path: Path) -> None:
-    frames = grey_frames(60) * 4
-    film = write_video(tmp_path / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
+    film = write_film(tmp_path / "film.avi", times=4)
     with mounted(tmp_path / "small", "size=16k") as folder:
         done = oppload("run", film, "-o", folder, "--height", "60")
         assert done.returncode == 2
@@ -66,8 +65,7 @@ def test_a_disk_that_fills_up(clip: Path, tmp_path: Path) -> None:
 # While the video is written, and while it may be finished.
 @pytest.mark.parametrize("size", ["100k", pytest.param("400k", marks=pytest.mark.slow)])
 def test_a_disk_that_an_annotated_video_fills(tmp_path: Path, size: str) -> None:
-    frames = grey_frames(60) * 4
-    film = write_video(tmp_path / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
+    film = write_film(tmp_path / "film.avi", times=4)
     with mounted(tmp_path / size, f"size={size}") as folder:
         done = oppload("run", film, "-o", folder, "--height", "60", "--annotate", "--no-rmo")
         assert (done.returncode, done.stderr.strip().count("\n")) == (2, 0), done.stderr
@@ -144,17 +142,8 @@ def one_sentence(done: Done, sentence: str) -> None:
     assert (len(lines), done.stdout) == (1, "")
 
 
-# These draw a figure for each place, and write it as a PNG is written.
-SLOW = {"plot svg", "plot pdf"}
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        pytest.param(words, id=name, marks=[pytest.mark.slow] if name in SLOW else [])
-        for name, words in WRITERS.items()
-    ],
-)
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("command", WRITERS.values(), ids=WRITERS)
 def test_every_command_says_in_one_sentence_that_it_cannot_write(
     command: tuple[str, ...],
     words: dict[str, Path],
@@ -186,6 +175,7 @@ def read_only(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("command", WRITERS.values(), ids=WRITERS)
 def test_every_command_on_a_read_only_disk(
     command: tuple[str, ...],
@@ -228,6 +218,7 @@ def test_no_folder_for_the_cache_of_matplotlib(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_plot_beside_its_result_on_a_read_only_disk(
     words: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

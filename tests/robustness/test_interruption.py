@@ -20,7 +20,7 @@ from oppload_cli.errors import OpploadError, ResultError
 from oppload_cli.results.reading import read_result
 from tests.cli.inside import oppload
 from tests.cli.process import ENTRY
-from tests.media import grey_frames, write_video
+from tests.media import grey_frames, write_film, write_video
 from tools.attack.judge import adopt_orphans, faults, prepared
 
 if TYPE_CHECKING:
@@ -35,8 +35,7 @@ HANG_S = 120  # no run may outlive a signal by this
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A video that is longer than any test waits."""
     folder = tmp_path_factory.mktemp("film")
-    frames = grey_frames(60, width=96, height=64) * 45
-    return write_video(folder / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
+    return write_film(folder / "film.avi", 96, 64)
 
 
 @pytest.fixture(scope="module")
