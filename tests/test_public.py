@@ -35,16 +35,17 @@ def failures_of(tests: list[doctest.DocTest]) -> str:
 
 def once(function: Any, keep: Any) -> Any:
     """Return a function that computes only once what many examples begin with, and keeps that."""
-    common = ("controls/looming-perspective", {"rmo": False})
-    known: list[Any] = []
+    known: dict[bool, Any] = {}
 
     @functools.wraps(function)
     def shared(source: Any, *more: Any, **named: Any) -> Any:
-        if more or not isinstance(source, str) or (source, named) != common:
+        other = not isinstance(source, str) or source != "controls/looming-perspective"
+        if other or more or named.keys() - {"rmo"}:
             return function(source, *more, **named)
-        if not known:
-            known.append(keep(function(source, **named)))
-        return known[0]
+        rmo = named.get("rmo", True)
+        if rmo not in known:
+            known[rmo] = keep(function(source, **named))
+        return known[rmo]
 
     return shared
 

@@ -91,6 +91,11 @@ def _tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text("utf-8"))
 
 
+@cache
+def _nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(_tree(path)))
+
+
 def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
     """Return the modules of the package that each of `modules` imports.
 
@@ -99,8 +104,7 @@ def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
     """
     graph: Graph = {}
     for module, path in modules.items():
-        tree = _tree(path)
-        nodes = ast.walk(tree) if types else _run_when_imported(tree)
+        nodes = _nodes(path) if types else _run_when_imported(_tree(path))
         names = {name for node in nodes for name in _imported_names(node, modules)}
         graph[module] = names - {module}
     return graph

@@ -59,6 +59,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     sys.modules.pop("loaded_own", None)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_loaded_detector_runs_also_in_other_processes(own: Path, tmp_path: Path) -> None:
     frames = grey_frames(9)
     for name in ("a.avi", "b.avi"):
@@ -206,6 +207,7 @@ def test_a_detector_that_another_file_registers_is_enough(tmp_path: Path) -> Non
     assert "darkening" in done.stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(
     own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

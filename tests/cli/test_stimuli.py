@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 from oppload_cli import stimulus
 from oppload_cli.cli.stimuli import FORMATS, stimuli
 from oppload_cli.errors import ExitCode, OpploadError, OutputError, StimulusError
+from oppload_cli.stimulus.files import write_all
 from oppload_cli.video import writers as writer
 
 if TYPE_CHECKING:
@@ -146,7 +147,16 @@ def test_generate_writes_video_truth_and_preview(tmp_path: Path) -> None:
     assert len(truth["frames"]) == 6
 
 
-def test_generate_a_family_several_at_a_time(tmp_path: Path) -> None:
+def test_generate_a_family_several_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def alone(*protocols: Any, jobs: int, **options: Any) -> Any:
+        asked.append(jobs)
+        return write_all(*protocols, jobs=1, **options)
+
+    monkeypatch.setattr("oppload_cli.stimulus.files.write_all", alone)
     result = run(
         *("generate", "controls/square-grating/axis-?5", "controls/sine-grating/axis-90"),
         *("-o", tmp_path, "--jobs", 2, *SMALL),
@@ -156,6 +166,7 @@ def test_generate_a_family_several_at_a_time(tmp_path: Path) -> None:
         "axis-45.avi",
         "axis-90.avi",
     ]
+    assert asked == [2]
 
 
 def test_formats_are_those_of_the_writer() -> None:

@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from oppload_cli.models import timebase
 from oppload_cli.models.timebase import Background
 
+pytestmark = pytest.mark.once
+
 # In eighths, so that sums and differences of times are exact.
 STEPS = st.lists(
     st.tuples(st.integers(0, 12), st.integers(0, 6).map(float)), min_size=1, max_size=80
@@ -26,7 +28,7 @@ def plain(times: list[float], values: list[float], reach: float, guard: float) -
     return float(np.median(counted)) if counted else 0.0
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(steps=STEPS, reach=st.integers(1, 40), guard=st.integers(0, 20))
 def test_it_is_a_plain_median(steps: list[tuple[int, float]], reach: int, guard: int) -> None:
     running = Background(reach / 8, guard / 8)

@@ -57,6 +57,7 @@ def test_reset_starts_over() -> None:
     assert bank.luma_change is not None
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", detectors().values(), ids=detectors())
 def test_every_detector_refuses_an_array_that_is_no_frame(kind: type[Detector]) -> None:
     """A detector refuses the array at every frame, and then answers as if it had not come."""
@@ -100,6 +101,7 @@ def test_the_number_of_threads_changes_no_bit() -> None:
     assert maps[0] == maps[1] == maps[2]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("stride", "memory"), [(1, 3), (2, 6), (5, 15)])
 def test_a_bank_forgets_within_its_memory(stride: int, memory: int) -> None:
     params = REFERENCE.replaced(receptive_field=40, cell=5, stride=stride, history=0)

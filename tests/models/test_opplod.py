@@ -273,6 +273,7 @@ def test_the_frame_at_half_its_size_answers_before_two_intervals_have_passed() -
     assert both[6].opponency > two[6].opponency
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "changes", [{"stride": 2}, {"halved_weight": 1.5}, {"border": 4}, {"light_s": 4}]
 )
@@ -296,6 +297,7 @@ def test_a_model_of_several_parts_can_be_used_again(changes: dict[str, float]) -
     assert [model.step(frame) for frame in frames] == first
 
 
+@pytest.mark.once
 def test_bars_are_known_after_a_quarter_of_a_second_at_any_rate() -> None:
     model = Opplod((60, 80), DEFAULT, frame_rate=60)
     known = []
@@ -307,6 +309,7 @@ def test_bars_are_known_after_a_quarter_of_a_second_at_any_rate() -> None:
     assert known == [0] * 15 + [12] * 5  # the first frame shows the strip, and then 15 steps pass
 
 
+@pytest.mark.once
 def test_a_lasting_change_of_the_light_passes_by_time_at_any_rate() -> None:
     """Half a second, the time constant, are 30 frames: then 1 / e of the gain is removed."""
     model = Opplod((60, 80), DEFAULT.replaced(light_s=0.5), frame_rate=60)

@@ -223,6 +223,7 @@ def test_units_below_the_threshold_and_beside_the_grid_answer_zero() -> None:
     np.testing.assert_array_equal(grid[grid > 0], every[grid > 0])
 
 
+@pytest.mark.once
 def test_adaptation_divides_by_the_median_of_the_background() -> None:
     """Reach 8 frames and guard 2 at 16 frames/s, recomputed literally on random maps."""
     params = REFERENCE.replaced(

@@ -184,6 +184,7 @@ def same(one: RmoMetrics, other: RmoMetrics) -> bool:
     return bool(tuple(one) == pytest.approx(tuple(other), rel=1e-6, abs=1e-9))
 
 
+@pytest.mark.once
 @settings(max_examples=60)
 @given(seed=seeds, order=seeds)
 def test_symmetric_in_the_vectors(seed: int, order: int) -> None:
@@ -193,6 +194,7 @@ def test_symmetric_in_the_vectors(seed: int, order: int) -> None:
     np.testing.assert_array_equal(rmo(vectors, starts), rmo(starts, vectors))
 
 
+@pytest.mark.once
 @settings(max_examples=60)
 @given(seed=seeds, speed=st.floats(1e-3, 1e3), size=st.floats(1e-3, 1e3))
 def test_scale_invariant(seed: int, speed: float, size: float) -> None:
@@ -200,6 +202,7 @@ def test_scale_invariant(seed: int, speed: float, size: float) -> None:
     assert same(rmo_metrics(starts * size, vectors * speed), rmo_metrics(starts, vectors))
 
 
+@pytest.mark.once
 @settings(max_examples=60)
 @given(seed=seeds, angle=st.floats(-360, 360), mirrored=st.booleans())
 def test_rotation_invariant(seed: int, angle: float, mirrored: bool) -> None:
@@ -211,6 +214,7 @@ def test_rotation_invariant(seed: int, angle: float, mirrored: bool) -> None:
     assert same(rmo_metrics(starts @ turn.T, vectors @ turn.T), rmo_metrics(starts, vectors))
 
 
+@pytest.mark.once
 @settings(max_examples=60)
 @given(seed=seeds, x=st.floats(-1e4, 1e4), y=st.floats(-1e4, 1e4))
 def test_translation_invariant(seed: int, x: float, y: float) -> None:
@@ -252,6 +256,7 @@ def test_translation_is_exactly_zero(velocity: tuple[float, float]) -> None:
     assert metrics == RmoMetrics(flow_vectors=len(grid()))
 
 
+@pytest.mark.once
 @settings(max_examples=100)
 @given(x=inside_x, y=inside_y, rate=st.floats(0.001, 0.5), sense=st.sampled_from([-1, 1]))
 def test_rotation_has_no_rom_pair(x: float, y: float, rate: float, sense: int) -> None:
@@ -265,6 +270,7 @@ def test_the_literal_outward_test_finds_rom_pairs_in_a_rotation() -> None:
     assert literal.rom_share > 0.05
 
 
+@pytest.mark.once
 def test_random_vectors_are_near_zero() -> None:
     random = np.random.default_rng(0)
     starts = grid()

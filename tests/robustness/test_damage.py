@@ -92,7 +92,7 @@ def check(results: list[dict[str, Any]]) -> None:
 
 
 def test_damaged_files() -> None:
-    check(outcomes(1, len(VICTIMS) * 5))
+    check(outcomes(1, len(VICTIMS) * 3))
 
 
 @pytest.mark.slow
@@ -113,11 +113,11 @@ MORE = [pytest.param(name, marks=pytest.mark.slow) for name in SLOWER]
 
 
 @pytest.mark.parametrize("name", [*FEWER, *MORE])
-def test_a_hundred_truncations_are_never_taken_for_the_end(tmp_path: Path, name: str) -> None:
+def test_truncations_are_never_taken_for_the_end(tmp_path: Path, name: str) -> None:
     data = intact(tmp_path, name)
     frames, unnoticed = [], 0
     path = tmp_path / f"cut.{KINDS[name].suffix}"
-    for part in cuts(data, 100):
+    for part in cuts(data, 50):
         path.write_bytes(part)
         try:
             with open_video(path, height=16) as video:
@@ -141,7 +141,7 @@ def test_damage_has_the_same_effect_at_every_run(tmp_path: Path) -> None:
     path = tmp_path / "x.mov"
     path.write_bytes(data)
     seen = set()
-    for _ in range(10):
+    for _ in range(5):
         with open_video(path, height=None) as video:
             seen.add(b"".join(frame.luma.tobytes() for frame in video))
     assert len(seen) == 1
@@ -176,8 +176,9 @@ def test_an_image_that_vanishes_and_one_that_is_a_link_to_nothing(tmp_path: Path
 
 def test_a_file_that_vanishes_or_shrinks_while_it_is_read(tmp_path: Path) -> None:
     images = grey_frames(200, width=160, height=96)
+    complete = write_video(tmp_path / "complete.avi", images, codec="ffv1")
     for name in ("gone.avi", "short.avi"):
-        path = write_video(tmp_path / name, images, codec="ffv1")
+        path = shutil.copy(complete, tmp_path / name)
         with open_video(path, height=16) as video:
             frames = iter(video)
             next(frames)

@@ -139,6 +139,7 @@ def test_a_camera_ends_with_finished_files_where_it_is_stopped(
     assert not list(tmp_path.glob("*.part"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_part_is_plotted_and_a_rerun_completes_it(film: Path, tmp_path: Path) -> None:
     with started(film, tmp_path) as run:
         part = rows_written(tmp_path, run)

@@ -27,7 +27,7 @@ from oppload_cli.video import opening
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.opening import Opening
 from tests.cli.process import ENTRY, in_turn
-from tests.media import grey_frames, write_video
+from tests.media import grey_frames, write_film, write_video
 from tests.robustness.inputs import KINDS, make
 from tests.video.test_container import MATRICES, turned
 
@@ -78,6 +78,12 @@ MAKE: dict[str, Callable[[Path], Path]] = {
 }
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("made")
+    return {name: make_it(folder / name) for name, make_it in MAKE.items()}
+
+
 @pytest.mark.parametrize("name", MAKE)
 @pytest.mark.parametrize(
     ("height", "span"),
@@ -85,9 +91,9 @@ MAKE: dict[str, Callable[[Path], Path]] = {
     ids=["native, all", "24, start", "40, end"],
 )
 def test_frames_are_the_same_in_a_separate_process(
-    name: str, height: int | None, span: Span, tmp_path: Path
+    name: str, height: int | None, span: Span, made: dict[str, Path]
 ) -> None:
-    path = MAKE[name](tmp_path / name)
+    path = made[name]
     with (
         begun(path, height, span).result() as there,
         open_video(path, height=height, span=span) as here,
@@ -107,10 +113,10 @@ def test_frames_are_the_same_in_a_separate_process(
 
 @pytest.mark.parametrize("slots", [3, 64])
 def test_no_picture_is_written_over_while_it_is_in_use(
-    slots: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    slots: int, made: dict[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(opening, "MOST_SLOTS", slots)
-    path = many(tmp_path / "a.mp4")
+    path = made["many.mp4"]
     with open_video(path, height=48) as here:
         expected = [frame.luma for frame in here]
     video = begun(path, 48).result()
@@ -134,7 +140,7 @@ def test_a_file_that_cannot_be_opened_gives_the_same_error(tmp_path: Path) -> No
 
 
 def test_a_bug_in_the_process_is_raised_with_its_traceback(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made: dict[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class TwoWordsError(Exception):
         """An error that pickle cannot make again from its message alone."""
@@ -147,7 +153,7 @@ def test_a_bug_in_the_process_is_raised_with_its_traceback(
 
     monkeypatch.setattr("oppload_cli.video.container.ContainerSource", broken)
     with pytest.raises(RuntimeError, match="TwoWordsError: on purpose") as caught:
-        begun(many(tmp_path / "a.mp4")).result()
+        begun(made["many.mp4"]).result()
     assert "in broken" in caught.value.__notes__[0]
 
 
@@ -159,8 +165,8 @@ def test_other_inputs_are_read_by_a_thread(name: str) -> None:
         begin.result()
 
 
-def test_closing_ends_the_process_at_once(tmp_path: Path) -> None:
-    path = many(tmp_path / "a.mp4")
+def test_closing_ends_the_process_at_once(made: dict[str, Path]) -> None:
+    path = made["many.mp4"]
     files = len(list(Path("/proc/self/fd").iterdir()))
     for used in (False, True):
         begin = begun(path)
@@ -176,9 +182,9 @@ def test_closing_ends_the_process_at_once(tmp_path: Path) -> None:
     assert len(list(Path("/proc/self/fd").iterdir())) == files
 
 
-def test_closing_while_a_thread_waits_for_a_picture(tmp_path: Path) -> None:
-    path = many(tmp_path / "a.mp4")
-    for _ in range(10):
+def test_closing_while_a_thread_waits_for_a_picture(made: dict[str, Path]) -> None:
+    path = made["many.mp4"]
+    for _ in range(5):
         video = begun(path).result()
         frames = iter(video)
         next(frames)
@@ -210,8 +216,8 @@ def _ends(process: int) -> bool:
     return False
 
 
-def test_it_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
-    path = many(tmp_path / "a.mp4")
+def test_it_ends_with_the_process_that_started_it(made: dict[str, Path]) -> None:
+    path = made["many.mp4"]
     code = (
         "import os, signal, sys; from fractions import Fraction\n"
         "from oppload_cli.video.opening import Opening; from oppload_cli.video.inputs import Span\n"
@@ -241,8 +247,7 @@ def test_a_process_with_threads_is_not_forked(monkeypatch: pytest.MonkeyPatch) -
 @pytest.fixture(scope="module")
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("film")
-    frames = grey_frames(60, width=96, height=64) * 30
-    return write_video(folder / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
+    return write_film(folder / "film.avi", 96, 64, times=30)
 
 
 def test_the_height_is_known_before_the_settings_are_resolved(film: Path, tmp_path: Path) -> None:
