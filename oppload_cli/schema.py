@@ -435,6 +435,7 @@ class Parameters(Table):
         return degrees
 
     @classmethod
+    @cache
     def _label(cls, name: str) -> str:
         words = re.sub(r"(?<=.)(?=[A-Z])", "_", cls.__name__.removesuffix("Params"))
         return f"parameter '{name}' of {cls._set or words.lower()}"
