@@ -258,10 +258,10 @@ def started(films: Path, out: Path) -> subprocess.Popen[str]:
         start_new_session=True,
     )
     parts = [out / f"{stem}.frames.csv.part" for stem in "bc"]
-    for _ in range(1200):
+    for _ in range(6000):
         if all(part.exists() and part.stat().st_size > 400 for part in parts):
             break
-        time.sleep(0.05)
+        time.sleep(0.01)
     assert run.poll() is None, run.communicate()[1]
     return run
 

@@ -203,6 +203,7 @@ def test_a_disk_that_is_full(clip: Path) -> None:
     assert ["no space left on device" in line for line in lines] == [True, True, True]
 
 
+SHORT = ("--change", "timing.motion_s=0.1")
 CLOSED = ("sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh")  # closes the standard streams
 
 
@@ -214,7 +215,7 @@ def test_closed_standard_streams_are_no_bug(clip: Path, tmp_path: Path) -> None:
         ("run", clip, "-o", "-"): 2,
         ("run", "missing.mp4"): 3,
         ("run", "--files-from", "-"): 2,
-        ("stimuli", "generate", "controls/appearing-disk", "-o", tmp_path): 0,
+        ("stimuli", "generate", "controls/appearing-disk", "-o", tmp_path, *SHORT): 0,
     }
     assert process.in_turn(*codes, prefix=CLOSED).returncodes == list(codes.values())
 

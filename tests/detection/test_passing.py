@@ -45,7 +45,7 @@ def plain() -> Luma:
     return np.full((HEIGHT, WIDTH), 0.7, np.float32)
 
 
-@pytest.mark.parametrize("kind", ["post", "box"])
+@pytest.mark.parametrize("kind", ["post", pytest.param("box", marks=pytest.mark.slow)])
 def test_an_object_that_leaves_at_10_px_per_frame_is_no_approach(kind: str) -> None:
     assert peak(kind, 160, 10, plain()) < 1
     assert peak(kind, 160, 10, plain(), entering=0) > 5  # its front edge is cut off then

@@ -97,7 +97,7 @@ def assert_equal(
 
 
 def test_emd_lplc2_gf_is_the_literal_version() -> None:
-    frames = scene("looming")[24:]
+    frames = scene("looming")[25:]
     assert_equal(answers("emd_lplc2_gf", frames), literal.emd_lplc2_gf(frames), 1e-9)
     frames = textured(5, SHAPE)
     found = answers("emd_lplc2_gf", frames, full_scale=255)

@@ -123,7 +123,9 @@ def test_a_near_repeat_holds_the_object_and_counts_its_time_down(tmp_path: Path)
     assert held >= 8
 
 
-@pytest.mark.parametrize("pictures", [12, pytest.param(20, marks=pytest.mark.slow), 24])
+@pytest.mark.parametrize(
+    "pictures", [12, *(pytest.param(each, marks=pytest.mark.slow) for each in (20, 24))]
+)
 def test_the_time_to_contact_goes_by_the_times_at_which_pictures_were_taken(pictures: int) -> None:
     """So many pictures per second in 30 frames/s last for one, two or three frames."""
     taken = np.arange(82) * pictures // 30

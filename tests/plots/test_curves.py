@@ -338,7 +338,7 @@ def test_a_title_of_wide_letters_is_not_cut(tmp_path: Path) -> None:
 
 
 def test_figures_are_bounded(tmp_path: Path) -> None:
-    figure, _ = plot_curves(several(tmp_path, 24), scale="raw")
+    figure, _ = plot_curves(several(tmp_path, 10), scale="raw")
     assert figure.get_figheight() <= MOST_HEIGHT
     assert figure.get_figwidth() <= PAGE
 

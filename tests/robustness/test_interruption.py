@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+SIZE = ("--height", "64")  # of the film
 HANG_S = 120  # no run may outlive a signal by this
 
 
@@ -41,14 +42,14 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def table(film: Path) -> bytes:
     """The table of an uninterrupted run on the first 100 frames."""
-    done = oppload("run", film, "-o", "-", "-q", "--end", "f100")
+    done = oppload("run", film, "-o", "-", "-q", "--end", "f100", *SIZE)
     return done.stdout.encode()
 
 
 @contextmanager
 def started(name: str | Path, folder: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(
-        [sys.executable, "-c", ENTRY, "run", str(name), "-o", str(folder), *more],
+        [sys.executable, "-c", ENTRY, "run", str(name), "-o", str(folder), *SIZE, *more],
         stderr=subprocess.PIPE,
         text=True,
     ) as run:
@@ -76,7 +77,8 @@ def check_prefix(part: Path, table: bytes) -> int:
 
 
 @pytest.mark.parametrize(
-    "name", ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.slow), "SIGKILL"]
+    "name",
+    ["SIGINT", *(pytest.param(each, marks=pytest.mark.slow) for each in ("SIGTERM", "SIGKILL"))],
 )
 def test_the_written_rows_are_a_valid_prefix(
     film: Path, table: bytes, tmp_path: Path, name: str

@@ -109,6 +109,7 @@ def test_a_list_with_a_field_beyond_all_bounds(
     assert "a.csv: is not valid CSV (field larger than field limit" in done.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_name_that_is_too_long(
     clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -46,7 +46,7 @@ COMMANDS = {
 }
 
 
-SLOW = {"collect", "stimuli png", "tune"}  # they hold a name as the others do
+SLOW = {"collect", "stimuli", "stimuli png", "tune"}  # they hold a name as the others do
 
 
 @pytest.mark.parametrize(

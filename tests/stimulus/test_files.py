@@ -359,11 +359,11 @@ def test_an_interrupt_leaves_complete_files_only(stop: signal.Signals, tmp_path:
         text=True,
         start_new_session=True,
     )
-    for _ in range(600):
+    for _ in range(3000):
         # The ground truth is written last; each process may delete its latest one again.
         if len(list(tmp_path.glob("*.stimulus.json"))) > 2:
             break
-        time.sleep(0.05)
+        time.sleep(0.01)
     # Ctrl-C reaches all processes of the group, SIGTERM only the parent
     (os.killpg if stop == signal.SIGINT else os.kill)(running.pid, stop)
     _, said = running.communicate(timeout=60)
