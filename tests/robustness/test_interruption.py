@@ -122,7 +122,7 @@ cv2.VideoCapture = Camera
 def test_a_camera_ends_with_finished_files_where_it_is_stopped(
     tmp_path: Path, more: tuple[str, ...]
 ) -> None:
-    words = ("run", "camera:0", "-o", str(tmp_path), "-q", *more)
+    words = ("run", "camera:0", "-o", str(tmp_path), "-q", "--height", "48", *more)
     with subprocess.Popen(
         [sys.executable, "-c", f"{CAMERA}\n{ENTRY}", *words], stderr=subprocess.PIPE, text=True
     ) as run:
@@ -198,7 +198,7 @@ def test_the_terminal_is_left_as_it_was(film: Path, tmp_path: Path) -> None:
     if child == 0:
         os.execv(  # noqa: S606
             sys.executable,
-            [sys.executable, "-c", ENTRY, "run", str(film), "-o", str(tmp_path)],
+            [sys.executable, "-c", ENTRY, "run", str(film), "-o", str(tmp_path), *SIZE],
         )
     before = termios.tcgetattr(terminal)
     part = tmp_path / "film.frames.csv.part"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 bounded = settings(
-    max_examples=30,
+    max_examples=50,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 
