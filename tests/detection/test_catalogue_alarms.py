@@ -33,7 +33,7 @@ CONTROLS = (
 )
 SOME = (
     *("controls/translating-disk-direction/rotation-0", "controls/receding-disk/l-over-v-40"),
-    *("controls/dots-rotation", "controls/square-grating/axis-0"),
+    "controls/dots-rotation",
     *("klapoetke2017/grating/axis-0", "controls/texture-pan/direction-45"),
     *("controls/luminance-step/to-0", "controls/luminance-ramp/to-1"),
 )
