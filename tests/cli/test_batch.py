@@ -250,7 +250,7 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def started(films: Path, out: Path) -> subprocess.Popen[str]:
-    """Start a batch, and wait until both of its processes write rows."""
+    """Start a batch, and wait until both of its processes analyse a long video."""
     run = subprocess.Popen(
         [sys.executable, "-m", "oppload_cli", "run", str(films), "-o", str(out), "-j", "2"],
         stderr=subprocess.PIPE,
@@ -259,7 +259,7 @@ def started(films: Path, out: Path) -> subprocess.Popen[str]:
     )
     parts = [out / f"{stem}.frames.csv.part" for stem in "bc"]
     for _ in range(6000):
-        if all(part.exists() and part.stat().st_size > 400 for part in parts):
+        if all(part.exists() and part.stat().st_size > 0 for part in parts):  # the header
             break
         time.sleep(0.01)
     assert run.poll() is None, run.communicate()[1]
