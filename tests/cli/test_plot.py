@@ -422,7 +422,6 @@ def test_an_option_without_effect_is_an_error(
     assert not list(tmp_path.glob("*.png"))
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_a_map_without_a_sidecar_says_so(tmp_path: Path, capsys: Capture) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     done = run(capsys, "plot", table, "--kind", "map")
