@@ -8,13 +8,14 @@ from __future__ import annotations
 import os
 import re
 import sys
+from collections.abc import Mapping
 from dataclasses import make_dataclass
 from hashlib import sha256
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from oppload_cli.errors import OpploadError, ParameterError, suggestion
 from oppload_cli.models import LOAD
@@ -35,6 +36,16 @@ if TYPE_CHECKING:
 _TAKEN_NAMES = {
     *("alarm", "places", "rmo", "repeats", "time"),
     *("preset", "models", "height", "measure_rmo", "fov", "columns", "all"),
+}
+_TEXTS = "label", "colour", "meaning", "unit", "variant_of", "reference", "answers_to", "made_for"
+# The types of a detector's attributes, and their names in messages.
+_ATTRIBUTES: dict[str, tuple[Any, str]] = {
+    **dict.fromkeys(_TEXTS, (str, "a text")),
+    "warm_up": (int, "a whole number"),
+    "year": (int | None, "a whole number or None"),
+    "cost_ms": (int | float | None, "a number or None"),
+    "alarm_floors": (Mapping, "floors by the names of presets"),
+    "presets": (Mapping, "parameters by the names of presets"),
 }
 ALL, _LITERAL = "all", "literal"  # words with a special meaning in `names_of`
 
@@ -204,6 +215,7 @@ def _check_class(detector: type[Detector]) -> str:
         )
     if missing := ", ".join(sorted(getattr(detector, "__abstractmethods__", ()))):
         raise ParameterError(f"{where}: it lacks {missing}; define it")
+    _check_types(detector, where)
     if not re.fullmatch(r"#[0-9A-Fa-f]{6}", getattr(detector, "colour", "")):
         raise ParameterError(f"{where}: its colour must be written as #RRGGBB")
     if not getattr(detector, "label", "") or not getattr(detector, "meaning", ""):
@@ -216,6 +228,16 @@ def _check_class(detector: type[Detector]) -> str:
             raise ParameterError(f"{where}: its {title} must be a tuple of Column")
     detector.parameters.declared()
     return where
+
+
+def _check_types(detector: type[Detector], where: str) -> None:
+    for attribute, (kinds, words) in _ATTRIBUTES.items():
+        found = getattr(detector, attribute, "")
+        if not isinstance(found, kinds):
+            raise ParameterError(f"{where}: its {attribute} must be {words}, not {found!r:.60}")
+    floors: Iterable[object] = detector.alarm_floors.values()
+    if not all(isinstance(each, int | float) and each >= 0 for each in floors):
+        raise ParameterError(f"{where}: its alarm_floors must be numbers of at least 0")
 
 
 def _is_again(known: type[Detector], detector: type[Detector]) -> bool:
