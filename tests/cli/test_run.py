@@ -404,7 +404,8 @@ def test_a_stimulus_in_place_of_its_video_is_told(tmp_path: Path) -> None:
         done = oppload("run", name, "-o", "out", cwd=tmp_path)
         assert done.returncode == 3
         assert advice in done.stderr
-    both = oppload("run", "mine.toml", "mine.stimulus.json", "-o", "out", "-j", "1", cwd=tmp_path)
+    (tmp_path / "mine.stimulus.json").rename(tmp_path / "other.stimulus.json")
+    both = oppload("run", "mine.toml", "other.stimulus.json", "-o", "out", "-j", "1", cwd=tmp_path)
     assert both.returncode == 3
     assert "'oppload stimuli generate mine.toml' makes its video" in both.stderr
     assert truth in both.stderr
