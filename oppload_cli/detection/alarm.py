@@ -94,7 +94,13 @@ class Alarm:
         self.evidence = 0.0
 
     def step(
-        self, response: float, time_s: float, *, contact_s: float | None = None, blind: bool = False
+        self,
+        response: float,
+        time_s: float,
+        *,
+        contact_s: float | None = None,
+        blind: bool = False,
+        sudden: bool = False,
     ) -> bool:
         """Take the response to the next frame.
 
@@ -109,6 +115,9 @@ class Alarm:
             not known.
         blind : bool
             Whether the frame does not count (see :class:`Cuts`).
+        sudden : bool
+            Whether no alarm may start with the response
+            (:attr:`~oppload_cli.models.detector.Response.sudden`).
 
         Returns
         -------
@@ -124,6 +133,7 @@ class Alarm:
         share = self.params.release if self._on and not ended else 1.0
         self.evidence = self.params.evidence(response, contact_s)
         above = self.evidence > share * self.threshold and not blind
+        above = above and (self._on or not sudden)
         enough = self._long_enough(above, time_s)
         self._counted = enough and not ended and (self._on or time_s >= self._ready_s - ROUNDING_S)
         if self._counted:

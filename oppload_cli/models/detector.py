@@ -88,6 +88,8 @@ class Response:
         At least 0; the larger, the more the frame looks like an approach.
     box : Box or None
         The place of the response, in working pixels; None if it has none.
+    sudden : bool
+        Whether the response came out of nothing, so that no alarm may begin with it.
 
     Examples
     --------
@@ -98,6 +100,7 @@ class Response:
 
     response: float
     box: Box | None = None
+    sudden: bool = field(default=False, kw_only=True, repr=False)
 
 
 def inner(default: float, unit: str, meaning: str) -> Any:

@@ -32,6 +32,7 @@ _REFERENCE = OpplodParams(
     stride=1,
     halved_weight=0.0,
     persistence=0.0,
+    sudden=0.0,
     light_s=0.0,
     interpolated="earlier",
     adaptation_level=0.0,

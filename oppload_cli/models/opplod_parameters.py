@@ -140,6 +140,13 @@ class OpplodParams(DpcParams):
         low=0,
         high=0.99,
     )
+    sudden: float = parameter(
+        0.15,
+        "no alarm begins unless R, now and one interval ago, without persistence, is at least this "
+        "share of R; only with judgement=pooled; 0: it may begin",
+        low=0,
+        high=1,
+    )
     history: float = parameter(
         0.125,
         "S of a cell counts only if the change nearby, both one and two intervals ago, was at "
@@ -217,7 +224,7 @@ class OpplodParams(DpcParams):
     def _check_pixelwise(self) -> None:
         literal: dict[str, object] = {"cell": 1, "cone": 90, "compression": 1, "stride": 1}
         literal |= dict.fromkeys(("border", "entering", "pool_sigma", "periphery"), 0)
-        literal |= dict.fromkeys(("halved_weight", "persistence", "history"), 0)
+        literal |= dict.fromkeys(("halved_weight", "persistence", "sudden", "history"), 0)
         literal |= {"adaptation_level": 0, "light_s": 0, "interpolated": "none"}
         for name, value in literal.items():
             if getattr(self, name) != value:

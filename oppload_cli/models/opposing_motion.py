@@ -8,6 +8,7 @@ follows the paper's text literally instead.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import TYPE_CHECKING
 
 import cv2
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 _NEIGHBOURS, _WITHIN_6 = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
 _MOST_ELAPSED = 1.3  # largest weight of a frame in intervals; the step at 24 frames/s is 1.25
+_AN_INTERVAL = 0.75  # least age in intervals of the R that counts as that of an interval ago
 _POOLED_SIGMAS = 5  # reach of pooling in sigmas: pixels further away weigh less than a millionth
 
 
@@ -294,6 +296,8 @@ class PooledJudgement(CellJudgement):
         params = self._params
         self._persistent = np.zeros((2, *self.maps.responses.shape), np.float32)
         self._moving = 0.0  # intervals with R above 0
+        # The largest R of the latest frames, without persistence, with their times in intervals.
+        self._latest: deque[tuple[float, float]] = deque([(0.0, 0.0)])
         self._background = Background(
             params.adaptation_s * self._per_second, params.adaptation_guard_s * self._per_second
         )
@@ -387,10 +391,12 @@ class PooledJudgement(CellJudgement):
             both += self.opponency(dpc)
         elif not half_lasts:
             self._persistent[:] = 0  # begin again, as at the start of the video
+        both *= self._selected
+        now = float(both[0].max())
         if params.persistence:
             both = self._persisted(both, photoreceptors)
-        both *= self._selected
         opponency, of_all = both
+        sudden = self._is_sudden(now, float(opponency.max()), photoreceptors.elapsed)
         if params.adaptation_level:
             factor = self._adaptation(float(of_all.max()), photoreceptors.elapsed)
             opponency *= np.float32(factor)
@@ -399,7 +405,21 @@ class PooledJudgement(CellJudgement):
         row, column = divmod(int(opponency.argmax()), opponency.shape[1])
         best = float(opponency[row, column])
         response = params.gain * best**2 if best > params.threshold else 0.0
-        return OpplodResponse(response, self.maps.box(row, column) if response else None, best)
+        box = self.maps.box(row, column) if response else None
+        return OpplodResponse(response, box, best, sudden=sudden)
+
+    def _is_sudden(self, now: float, largest: float, elapsed: float) -> bool:
+        """Return whether the largest R does not last: it is small now, or was an interval ago.
+
+        The R of an approach grows over many frames, while a jerk of the camera gives a large R in
+        one frame alone. `now` is the largest R of the frame, `largest` that with persistence.
+        """
+        time = self._latest[-1][0] + elapsed
+        while len(self._latest) > 1 and self._latest[1][0] <= time - _AN_INTERVAL:
+            self._latest.popleft()
+        before = self._latest[0][1]
+        self._latest.append((time, now))
+        return min(now, before) < self._params.sudden * largest
 
     def _persisted(self, both: Maps, photoreceptors: Photoreceptors) -> Maps:
         """Return ``K(t) = h K(t-1) + (1 - h) R(t)`` with ``h = persistence ** elapsed``.

@@ -221,7 +221,11 @@ class DetectorPass:
         alarms = {
             name: each is not None
             and self._alarms[name].step(
-                each.response, frame.time_s, contact_s=contacts.get(name), blind=bool(blind)
+                each.response,
+                frame.time_s,
+                contact_s=contacts.get(name),
+                blind=bool(blind),
+                sudden=each.sudden,
             )
             for name, each in responses.items()
         }

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from oppload_cli.detection.parameters import alarm_params
@@ -58,6 +59,20 @@ def patches(frames: int, speed: int = 2, sigma: int = 6, seed: int = 1) -> list[
     smooth = gaussian_filter(np.random.default_rng(seed).random(shape), sigma, mode="wrap")
     wide = gaussian_filter((smooth > np.median(smooth)).astype(np.float32), 0.7)
     return [np.ascontiguousarray(wide[:, speed * t : speed * t + SIZE]) for t in range(frames)]
+
+
+def shaken(ground: Luma, frames: int, sigma: float, seed: int) -> list[Luma]:
+    """A picture before a shaking camera; `sigma` is that of its jerks in px, across and down."""
+    random, place = np.random.default_rng(seed), np.zeros(3)
+    size = ground.shape[::-1]
+    film = []
+    for _ in range(frames):
+        place = 0.6 * place + random.normal(0, (sigma, sigma, 0.15 * sigma))
+        move = cv2.getRotationMatrix2D((size[0] / 2, size[1] / 2), place[2], 1)
+        move[:, 2] = move[:, 2] + place[:2]
+        seen = cv2.warpAffine(ground, move, size, borderMode=cv2.BORDER_REFLECT)
+        film.append(np.asarray(seen, np.float32))
+    return film
 
 
 def cut() -> list[Luma]:
@@ -119,8 +134,11 @@ def looming_over(ground: list[Luma]) -> list[Luma]:
     return shown
 
 
-def alarms(video: FrameSource, preset: str, **changes: float) -> list[int]:
-    """Return the frames in which OppLoD's alarm is on under a preset."""
+def alarms(
+    video: FrameSource, preset: str, *, at_once: bool = False, **changes: float
+) -> list[int]:
+    """Return the frames in which OppLoD's alarm is on, also with a sudden response `at_once`."""
     params = alarm_params(preset, **changes)
-    found = analyse(video, [parameters_of("opplod", preset)], alarm=params, rmo=None)
+    own = parameters_of("opplod", preset)
+    found = analyse(video, [own.replaced(sudden=0) if at_once else own], alarm=params, rmo=None)
     return [each.frame for each in found if each.alarms.get("opplod")]

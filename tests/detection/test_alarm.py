@@ -161,6 +161,13 @@ def test_blind_frames_do_not_count() -> None:
     assert alarms([2, 2, 2, 2, 2, 2], held, blind=(1, 2, 3, 4)) == [0, 1, 2, 5]
 
 
+def test_no_alarm_starts_with_a_sudden_response_but_one_goes_on() -> None:
+    alarm = Alarm("opplod", BARE)
+    responses = [(2, True), (2, False), (2, True), (0, True), (2, True)]
+    on = [alarm.step(one, t / RATE, sudden=sudden) for t, (one, sudden) in enumerate(responses)]
+    assert on == [False, True, True, False, False]
+
+
 def test_less_of_a_response_is_enough_shortly_before_contact() -> None:
     params = BARE.replaced(contact_s=1, contact_share=0.25)
     for contact_s, response, expected in [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache, partial
+from itertools import product, starmap
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -181,7 +182,8 @@ def test_no_alarm(scene: str, preset: str) -> None:
     ],
 )
 def test_there_would_be_one_without_blind_frames(scene: str, preset: str) -> None:
-    assert alarms(shown_in(scene), preset, blind_s=0, enough_s=0)[0] == BEFORE
+    found = alarms(shown_in(scene), preset, at_once=True, blind_s=0, enough_s=0)
+    assert found[0] == BEFORE
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -267,6 +269,30 @@ def test_light_that_flickers_hides_an_approach_from_what_does_not_leave_it_out()
     assert kept["opplod", "default", 0.1] == pytest.approx(0.90, abs=0.05)
     assert kept["opplod", "reference", 0.1] == pytest.approx(0.02, abs=0.02)
     assert kept["dlgmd", "default", 0.1] == pytest.approx(0, abs=1e-4)
+
+
+def shaken_alarms(width: int, sigma: float, seed: int, *, at_once: bool = False) -> int:
+    """Return the number of alarms before patches of a width, seen by a shaking camera."""
+    ground = scenes.patches(1, 1, width, seed)[0][:, :SIZE]
+    film = Film(scenes.shaken(ground, 90, sigma, seed))
+    on = alarms(film, "default", at_once=at_once)
+    return sum(frame - 1 not in on for frame in on)
+
+
+def test_a_jerk_of_the_camera_starts_no_alarm() -> None:
+    """A shaking camera gives a large response in a frame alone; that to an approach grows."""
+    assert shaken_alarms(4, 5, 2, at_once=True) == 1
+    assert shaken_alarms(4, 5, 2) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sigma", "at_once", "default"), [(2, 12, 6), (3, 15, 5), (5, 16, 6)])
+def test_jerks_start_fewer_alarms_than_without_the_rule(
+    sigma: float, at_once: int, default: int
+) -> None:
+    films = list(product((4, 8, 16), (sigma,), range(8)))
+    assert sum(shaken_alarms(*film, at_once=True) for film in films) == at_once
+    assert sum(starmap(shaken_alarms, films)) == default
 
 
 def passing(seed: int, bar: int) -> Film:
