@@ -133,7 +133,7 @@ def _encode(path: Path, kind: Kind, container_options: dict[str, str], *, to_pip
 X264 = {"preset": "ultrafast", "g": "6", "bf": "2"}
 X265 = {"preset": "ultrafast", "x265-params": f"{QUIET_265}:keyint=6"}
 VP9 = {"deadline": "realtime", "cpu-used": "8"}
-AV1 = {"preset": "12", "crf": "20"}
+AV1 = {"preset": "12", "crf": "20", "svtav1-params": "lp=1"}  # its threads sometimes swap pictures
 IRREGULAR = (0, 33, 67, 200, 233, 500, 533, 567, 600, 900, 933, 967)
 MS = 6e-4  # Matroska and WebM round times to 1 ms
 
