@@ -181,9 +181,11 @@ def _detector(result: BaseResult, model: str | None) -> type[Detector]:
         return detector
     first = placing_detector(result.models)
     if first is None:
-        placing = [name for name, each in detectors().items() if each.places]
-        result.need([f"{placing[0]}_response"])
-        raise ResultError(f"{result.path}: holds no detector with places; run one that has them")
+        placing = next(name for name, each in detectors().items() if each.places)
+        raise ResultError(
+            f"{result.path}: holds no detector with places; run one that has them, such as "
+            f"{placing}"
+        )
     return first
 
 

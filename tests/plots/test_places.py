@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,6 +101,9 @@ def test_the_places_of_the_chosen_detector(tmp_path: Path) -> None:
         plot_places(result, model="dlgmd")
     with pytest.raises(ResultError, match="has no column 'lgmd2_response'"):
         plot_places(result, model="lgmd2")
+    without = result.frames.drop(columns=["opplod_response", "ttc_gradient_response"])
+    with pytest.raises(ResultError, match=r"no detector with places; .* such as opplod$"):
+        plot_places(replace(result, frames=without))
 
 
 def test_without_the_video_places_are_drawn_on_white(tmp_path: Path) -> None:
