@@ -295,6 +295,10 @@ def test_dollar_signs_in_the_words_of_a_detector_are_no_formula(
         monkeypatch.setattr(detector_named("dlgmd"), words, r"$\frac{1}$")
     figure, _ = plot_curves(several(tmp_path, count), models=["dlgmd"], scale="raw")
     figure.draw_without_rendering()  # which would refuse the formula
+    texts = [text.get_text() for text in figure.findobj(Text)]
+    named = [text for text in texts if "frac" in text]
+    assert named
+    assert all(text.count(r"\$") == text.count("$") == 2 for text in named)
 
 
 @pytest.mark.parametrize("scale", ["threshold", "raw"])
