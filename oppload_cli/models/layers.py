@@ -7,7 +7,7 @@ are in :mod:`oppload_cli.models.dpc`.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from statistics import median
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
@@ -54,6 +54,8 @@ class _PastFrame:
     mean: float = 0.0
     share: float = 1.0
     before: _PastFrame | None = None
+    # The means of `change` over squares, by the numbers of squares down and across.
+    coarse: dict[tuple[int, int], Map] = field(default_factory=dict)
 
 
 class Photoreceptors:
@@ -161,16 +163,21 @@ class Photoreceptors:
         The squares are as large as possible, and centred in the frame. If the frame has fewer
         pixels than squares, the maps are resized instead.
         """
-        (height, width), (rows, columns) = self.shape, shape
-        side = min(height // rows, width // columns)  # OpenCV is fast if all squares are equal
-        if not side:  # the squares would be smaller than a pixel
-            rows, columns, side = height, width, 1
-        top, left = (height - rows * side) // 2, (width - columns * side) // 2
-        squares = np.s_[top : top + rows * side, left : left + columns * side]
-        return [
-            np.asarray(cv2.resize(each[squares], shape[::-1], interpolation=cv2.INTER_AREA))
-            for each in self.maps
-        ]
+        return [self._coarse_of(each, shape) for each in self._series]
+
+    def _coarse_of(self, frame: _PastFrame | None, shape: tuple[int, int]) -> Map:
+        if frame is None or frame.change is None:
+            return np.zeros(shape, np.float32)
+        if shape not in frame.coarse:  # it is needed for three intervals
+            (height, width), (rows, columns) = self.shape, shape
+            side = min(height // rows, width // columns)  # OpenCV is fast if all squares are equal
+            if not side:  # the squares would be smaller than a pixel
+                rows, columns, side = height, width, 1
+            top, left = (height - rows * side) // 2, (width - columns * side) // 2
+            squares = frame.change[top : top + rows * side, left : left + columns * side]
+            means = cv2.resize(squares, shape[::-1], interpolation=cv2.INTER_AREA)
+            frame.coarse[shape] = np.asarray(means)
+        return frame.coarse[shape]
 
     def need(self, luma: Map) -> None:
         """Raise the FrameError that `step` would raise for this frame."""
