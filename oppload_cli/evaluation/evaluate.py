@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from oppload_cli.errors import DetectorError, SourceError, StimulusError, counted
+from oppload_cli.errors import DetectorError, ParameterError, SourceError, StimulusError, counted
 from oppload_cli.evaluation.metrics.clips import Clip, Output, videos_of
 from oppload_cli.evaluation.metrics.intervals import DRAWS, Measurement, draws_of
 from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, Performance, measured, of_places
@@ -148,7 +148,8 @@ def _analyse_video(
                 times, found = outputs_of(video, same)
                 outputs.update(found)
                 complete, facts = video.decode.complete, video.facts
-    except (SourceError, StimulusError) as error:
+    # ParameterError: a picture is too wide for the working height.
+    except (SourceError, StimulusError, ParameterError) as error:
         return [_Analysed(None, [str(error)]) for _ in entries]
     except DetectorError as error:  # its message does not name the file
         return [_Analysed(None, [f"{entry.label.name}: {error}"]) for entry in entries]

@@ -348,7 +348,7 @@ class WorkingSize(NamedTuple):
         if pixels > min(_MOST_WORKING_PIXELS, max(facts.width * facts.height, _MOST_ENLARGED)):
             raise ParameterError(
                 f"{facts.name}: a working size of {size.width} x {size.height} is too large; "
-                f"choose a smaller --height"
+                f"crop the picture, or choose a smaller working height"
             )
         return size
 

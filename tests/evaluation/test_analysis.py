@@ -137,6 +137,14 @@ def test_a_clip_that_cannot_be_decoded_or_is_too_short_is_a_fault(tmp_path: Path
     assert analysed.faults == ["short.mkv: has 3 frames, too few for any response; leave it out"]
 
 
+def test_a_clip_too_wide_for_the_working_height_is_a_fault(tmp_path: Path) -> None:
+    wide = write_video(tmp_path / "wide.mkv", grey_frames(2, 2400, 8))
+    detectors = [replace(each, height=240) for each in SMALL]
+    (analysed,) = analyse_clips([Entry(2, wide, Label("wide.mkv"))], detectors)
+    assert analysed.clip is None
+    assert analysed.faults[0].startswith(f"{wide}: a working size of ")
+
+
 def test_a_cut_clip_is_used_and_reported(tmp_path: Path) -> None:
     whole = write_video(tmp_path / "whole.mkv", grey_frames(60, 320, 240)).read_bytes()
     (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) * 2 // 3])

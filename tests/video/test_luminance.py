@@ -45,7 +45,7 @@ def test_sides_of_13_px_are_large_enough() -> None:
 
 def test_a_working_size_that_is_too_large() -> None:
     for size in ((4000, 1), (1, 4000)):
-        with pytest.raises(ParameterError, match="choose a smaller --height"):
+        with pytest.raises(ParameterError, match="choose a smaller working height"):
             WorkingSize.of(facts(*size), 240)
 
 
