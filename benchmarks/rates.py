@@ -12,8 +12,8 @@ grow. The peak depends on the time from the last frame to this moment. So every 
 jittered frames are drawn at random, 4 times for each shift. With `--preset` only OppLoD runs, under
 that preset. With `--between` the detectors also see the frames between, at 240 frames/s, but only
 responses at the times of the frames count: this is the share of a peak that these times leave.
-`--clips` shows every frame, every second or every third frame of labelled clips, and counts the
-alarms at the floors of the package.
+`--clips` shows every frame, every second or every third frame of labelled clips, or all frames as a
+camera that jerks sees them, and counts the alarms at the floors of the package.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
+import cv2
 import numpy as np
 
 from oppload_cli.detection.parameters import alarm_params, place_params
@@ -315,24 +316,40 @@ def _controls() -> Iterator[str]:
             yield f"{preset} {rate} {protocol.name}: {share:.4f} of the disk, alarm {alarm}"
 
 
-class _Thinned:
-    """Every nth frame of an open video."""
+class _Shown:
+    """Every nth frame of an open video, seen by a camera that jerks.
 
-    def __init__(self, video: FrameSource, every: int) -> None:
+    The picture of each frame is displaced by whole pixels of the working frame, with the standard
+    deviation `jerk_px` across and down, and with no relation to the frame before. The edges of the
+    frame mirror the picture.
+    """
+
+    def __init__(self, video: FrameSource, every: int, jerk_px: float) -> None:
         rate = video.facts.frame_rate
         self.facts = replace(video.facts, frame_rate=rate / every if rate else None)
-        self.working, self._video, self._every = video.working, video, every
+        self.working, self._video = video.working, video
+        self._every, self._jerk_px = every, jerk_px
 
     def __iter__(self) -> Iterator[Frame]:
+        random = np.random.default_rng(1)
         for frame in self._video:
             if frame.index % self._every == 0:
-                yield replace(frame, index=frame.index // self._every)
+                x, y = np.rint(random.normal(0, self._jerk_px, 2))
+                moved = cv2.warpAffine(
+                    frame.luma,
+                    np.array([[1, 0, x], [0, 1, y]]),
+                    frame.luma.shape[::-1],
+                    flags=cv2.INTER_NEAREST,
+                    borderMode=cv2.BORDER_REFLECT,
+                )
+                index = frame.index // self._every
+                yield replace(frame, index=index, luma=np.asarray(moved, np.float32))
 
 
-def _thinned(entry: Entry, detector: EvaluatedDetector, every: int) -> Clip:
-    """Run a detector over every nth frame of a labelled clip."""
+def _seen(entry: Entry, detector: EvaluatedDetector, every: int, jerk_px: float) -> Clip:
+    """Run a detector over a labelled clip, as `_Shown` shows it."""
     with open_video(cast("Path", entry.path), height=detector.height) as video:
-        times, outputs = outputs_of(_Thinned(video, every), [detector])
+        times, outputs = outputs_of(_Shown(video, every, jerk_px), [detector])
         facts = video.facts
     label = entry.label
     if label.onset is not None and label.contact is not None:
@@ -342,18 +359,21 @@ def _thinned(entry: Entry, detector: EvaluatedDetector, every: int) -> Clip:
 
 
 def _on_clips(manifest: Path) -> Iterator[str]:
-    """Yield the table of alarms on labelled clips of which all or fewer frames are shown."""
-    yield "| shown | detector | detected | lead (s) | false alarms per minute |"
-    yield "|---|---|---|---|---|"
-    for every in (1, 2, 3):
-        for detector in evaluated_detectors(["opplod:default", "opplod:reference", "dlgmd"]):
-            clips = [_thinned(entry, detector, every) for entry in read_manifest(manifest).entries]
+    """Yield the table of alarms on labelled clips, with fewer frames or by a camera that jerks."""
+    yield "| shown | jerks (px) | detector | detected | lead (s) | false alarms per minute |"
+    yield "|---|---|---|---|---|---|"
+    names = "opplod:default", "opplod:reference", "dlgmd", "flow_divergence"
+    for every, jerk_px in ((1, 0), (2, 0), (3, 0), (1, 1), (1, 2), (1, 5)):
+        for detector in evaluated_detectors(names):
+            entries = read_manifest(manifest).entries
+            clips = [_seen(entry, detector, every, jerk_px) for entry in entries]
             draws = draws_of([clip.label.looming for clip in clips], 1)
             found = shipped(clips, detector.name, draws).outcomes
             minutes = sum(clip.seconds(*clip.quiet) for clip in clips) / 60
             lead = f"{np.nanmedian(found.lead_s):.2f}" if np.nansum(found.detected) else ""
             yield (
-                f"| 1 of {every} | {detector.name} | {np.nansum(found.detected):.0f} of "
+                f"| 1 of {every} | {jerk_px} | {detector.name} | "
+                f"{np.nansum(found.detected):.0f} of "
                 f"{np.isfinite(found.detected).sum()} | {lead} | "
                 f"{np.nansum(found.false_alarms) / minutes:.2f} |"
             )

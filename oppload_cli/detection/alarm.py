@@ -189,7 +189,14 @@ class Cuts:
         self._steps = _Steps()
         self._cut_s, self._cause = -math.inf, ""
 
-    def step(self, photoreceptors: Map, change: float | None, time_s: float) -> str:
+    def step(
+        self,
+        photoreceptors: Map,
+        change: float | None,
+        time_s: float,
+        *,
+        stood_still: bool = False,
+    ) -> str:
         """Take the next frame.
 
         Parameters
@@ -200,6 +207,8 @@ class Cuts:
             Mean of P over the frame, 0 to 1; None for the first frame.
         time_s : float
             The frame's presentation time in seconds.
+        stood_still : bool
+            Whether the picture stood still before, in frames that were left out as exact repeats.
 
         Returns
         -------
@@ -216,8 +225,11 @@ class Cuts:
         while len(self._changes) > self.LEAST_KEPT and self._changes[0][0] < time_s - self.MEMORY_S:
             self._changes.popleft()
         if cause := "gap" if is_gap else self._cause_in(photoreceptors, change):
-            # The cut lies after the frame before, at every frame rate.
-            self._cut_s, self._cause = max(before_s, time_s - _INTERVAL_S), cause
+            # The cut lies after the frame before, at every frame rate. But a video starts with its
+            # first frame.
+            from_first = cause == "start" and not stood_still
+            self._cut_s = before_s if from_first else max(before_s, time_s - _INTERVAL_S)
+            self._cause = cause
         self._changes.append((time_s, change))
         return self._cause if time_s - self._cut_s < self._params.blind_s else ""
 

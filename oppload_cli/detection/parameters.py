@@ -93,8 +93,8 @@ class AlarmParams(Parameters):
     )
     blind_s: float = _seconds(
         0.345,
-        "time in which frames do not count; it begins with the frame before a cut or the end of a "
-        "rest, but at most 1/30 s earlier",
+        "time in which frames do not count; it begins with the first frame of a video, or with the "
+        "frame before a cut or the end of a rest, but at most 1/30 s earlier",
     )
 
     def __post_init__(self) -> None:

@@ -174,6 +174,7 @@ class DetectorPass:
             for passed_over_s in self._passed_over_s:
                 bank.step(luma, passed_over_s)
                 self._before_s = self._taken_s = passed_over_s
+        stood_still = bool(self._passed_over_s)
         self._passed_over_s.clear()
         elapsed = (taken_s - self._taken_s) * (self._per_second or 0)
         pictures = list(self._interpolation.step(luma, elapsed))
@@ -181,7 +182,7 @@ class DetectorPass:
             bank.separate()
         bank.see(luma, taken_s)
         change = 0.0 if repeat.kind else bank.luma_change
-        blind = self._cuts.step(bank.photoreceptors, change, frame.time_s)
+        blind = self._cuts.step(bank.photoreceptors, change, frame.time_s, stood_still=stood_still)
         times_s = (self._before_s, frame.time_s), (self._taken_s, taken_s)
         for share, kind, picture in pictures:
             shown_s, time_s = (then + share * (now - then) for then, now in times_s)

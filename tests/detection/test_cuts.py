@@ -90,17 +90,25 @@ def test_a_second_cut_begins_anew() -> None:
     assert blind([*MOTION, cut, *MOTION[:6], cut, *MOTION], blind_s=0.12) == [8, 9, 10, 15, 16, 17]
 
 
-def test_a_video_begins_out_of_rest() -> None:
-    cuts = Cuts(AlarmParams(blind_s=0.12))
-    seen = [cuts.step(*changed(0.01, 0.1), t / 30) for t in range(5)]
-    assert seen == ["start"] * 3 + [""] * 2
+@pytest.mark.parametrize(
+    ("rate", "stood_still", "frames"), [(30, False, 4), (10, False, 1), (10, True, 2)]
+)
+def test_a_video_starts_with_its_first_frame(rate: int, stood_still: bool, frames: int) -> None:
+    """If the picture stood still before, motion begins at most 1/30 s before it is seen."""
+    cuts = Cuts(AlarmParams(blind_s=0.15))
+    p, mean = changed(0.01, 0.1)
+    assert not cuts.step(p, None, 0.0)
+    seen = [cuts.step(p, mean, 1 / rate, stood_still=stood_still)]
+    seen += [cuts.step(p, mean, t / rate) for t in range(2, 6)]
+    assert seen == ["start"] * frames + [""] * (5 - frames)
 
 
 def test_a_blind_frame_has_its_latest_cause() -> None:
     def causes(*events: tuple[float, float, float]) -> list[str]:
-        cuts = Cuts(AlarmParams(blind_s=0.1, hold_s=0.5))
-        seen = [cuts.step(*changed(0.01, 0.3), t / 10) for t in range(10)]
-        assert seen == ["start", *[""] * 9]
+        cuts = Cuts(AlarmParams(blind_s=0.15, hold_s=0.5))
+        assert not cuts.step(changed(0.01, 0.3)[0], None, 0.0)
+        seen = [cuts.step(*changed(0.01, 0.3), t / 10) for t in range(1, 10)]
+        assert seen == ["start", *[""] * 8]
         return [cuts.step(*changed(mean, share), time_s) for time_s, mean, share in events]
 
     assert causes((1.0, 0.041, 0.5), (1.05, 0.01, 0.3), (1.2, 0.01, 0.3)) == ["cut", "cut", ""]
