@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import time
 from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any, Self
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 Value = float | int | None
 Cell = str | Value
 
-_FLUSH_EVERY_S = 1.0
 _MOST_ROWS = 10_000  # that are kept in memory before they are written to a Parquet file
 
 
@@ -55,27 +53,32 @@ class _PlainEnds:
 
 
 class Table:
-    """A CSV stream with a header. It flushes its rows at least once per second.
+    """A CSV stream with a header.
 
-    The stream must be opened with ``newline=""``. `cell` returns the text of a value.
+    The stream must be opened with ``newline=""``. `cell` returns the text of a value. With
+    `at_once`, the operating system gets each row at once, as other programs may read the table
+    while it grows.
     """
 
     def __init__(
-        self, stream: IO[str], columns: Iterable[str], cell: Callable[[Any], str] = formatted
+        self,
+        stream: IO[str],
+        columns: Iterable[str],
+        cell: Callable[[Any], str] = formatted,
+        *,
+        at_once: bool = False,
     ) -> None:
         self._stream, self._columns, self._cell = stream, tuple(columns), cell
+        self._at_once = at_once
         self._writer = csv.writer(_PlainEnds(stream))
         self._writer.writerow(self._columns)
         self._stream.flush()
-        self._flushed = time.monotonic()
 
     def write(self, row: Mapping[str, Any]) -> None:
         """Write one row; if the row lacks a column, the cell is empty."""
         self._writer.writerow(map(self._cell, map(row.get, self._columns)))
-        now = time.monotonic()
-        if now - self._flushed >= _FLUSH_EVERY_S:
+        if self._at_once:
             self._stream.flush()
-            self._flushed = now
 
 
 def csv_text(

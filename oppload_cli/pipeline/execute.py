@@ -200,9 +200,8 @@ def _write_stream(run: _Run) -> None:
         with suppress(OSError):  # a stream of a test is no file of the system
             os.set_blocking(stream.fileno(), True)
     try:
-        table = Table(stream, run.columns)
+        table = Table(stream, run.columns, at_once=True)
         run.analyse(run.video, lambda record: table.write(record.values()))
-        stream.flush()
     except BrokenPipeError:
         raise  # the program that reads the pipe has ended, which is no error
     except OSError as error:

@@ -315,7 +315,7 @@ class Writing:
         self._video: AnnotatedVideo | None = None
         try:
             with output_errors(outputs.csv):
-                self._table = Table(table.stream, columns)
+                self._table = Table(table.stream, columns, at_once=True)
             if outputs.detections is not None:
                 self._other_files.append(DetectionsFile(outputs.detections))
             if outputs.annotated is not None:
@@ -340,7 +340,6 @@ class Writing:
         if self._video is not None:
             self._video.finish()
         with output_errors(self._outputs.csv):
-            self._file.stream.flush()
             # An old table must never lie beside new files, even after a crash.
             self._outputs.csv.unlink(missing_ok=True)
         write_sidecar(self._outputs.sidecar, content())

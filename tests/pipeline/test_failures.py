@@ -1,4 +1,4 @@
-"""The files that a run with an error leaves, and the message about them."""
+"""The files of a run at each frame, those that an error leaves, and the message about them."""
 
 from __future__ import annotations
 
@@ -35,6 +35,36 @@ class Failing:
         self._left -= 1
         if self._left == 0:
             raise self._error
+
+
+class Reader:
+    """A watcher that reads the file of the table at each frame, as another program may."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.seen: list[str] = []
+
+    def opened(self, _video: Video) -> None:
+        """Do nothing."""
+
+    def frame(self, _record: FrameRecord) -> None:
+        """Keep the cell `frame` of the last complete row."""
+        self.seen.append(self._path.read_text().rpartition("\n")[0].split("\n")[-1].split(",")[0])
+
+
+@pytest.mark.parametrize("piped", [False, True])
+def test_another_program_sees_each_row_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, piped: bool
+) -> None:
+    """A robot waits for the row of a frame, also if no other frame follows."""
+    video = write_video(tmp_path / "a.avi", grey_frames(5, width=64, height=48))
+    settings = resolve(models=["opplod"], measure_rmo=False, height="24")
+    outputs = None if piped else Outputs.of(tmp_path, "a", settings.models)
+    reader = Reader(tmp_path / ("stdout" if piped else "a.frames.csv.part"))
+    with (tmp_path / "stdout").open("w", newline="") as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        run_task(Task(str(video), settings, outputs), reader)
+    assert reader.seen == ["0", "1", "2", "3", "4"]
 
 
 @pytest.mark.parametrize(
