@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 USUAL_RATE = Fraction(30)  # frames/s, assumed if an input states no rate
 _LEAST_RATE = 9.0  # frames/s; at lower rates few responses have a meaning (docs/time.md)
+_FOR_LONG_S = 2.0  # a lower rate for so long in all gives a remark, if the rate of most is higher
 # A step is the time between two frames.
 _MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps
 # A step is usual if it differs from the median by at most this share of the median, or this time.
@@ -187,6 +188,7 @@ class FrameTimes:
         self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
         self._corrected_s = self._uncorrected_s = 0.0  # times of the latest frame
         self._first_s = self._shift_s = self._longest_s = 0.0
+        self._slow_s = 0.0  # time in which the usual rate was below `_LEAST_RATE`
         self._frames = self._first_wrong = 0
         self.wrong = 0  # number of times that were not later than the time before
 
@@ -207,6 +209,10 @@ class FrameTimes:
                 now_s -= taken_back_s
             self._longest_s = max(self._longest_s, step_s)
             self._latest.append(step_s)
+            # The usual step is counted instead of the step, which may be a pause of hours.
+            usual_s = median(self._latest)
+            if len(self._latest) == _LATEST_STEPS and usual_s * _LEAST_RATE > 1:
+                self._slow_s += usual_s
             if len(self._steps) < _MOST_STEPS:
                 self._steps.append(step_s)
         else:
@@ -269,6 +275,11 @@ class FrameTimes:
             remarks.append(
                 f"{rate:.3g} frames/s are too few for the models, whose interval is 1/30 s; "
                 f"below {_LEAST_RATE:.0f} expect missed approaches"
+            )
+        elif self._slow_s > _FOR_LONG_S:
+            remarks.append(
+                f"for {self._slow_s:.0f} s in all, frames came at less than {_LEAST_RATE:.0f} per "
+                "second, too few for the models, whose interval is 1/30 s: expect missed approaches"
             )
         return remarks
 

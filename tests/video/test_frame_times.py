@@ -115,6 +115,17 @@ def test_a_low_frame_rate_gives_a_remark(rate: int) -> None:
     assert note.startswith(f"{rate} frames/s are too few for the models")
 
 
+def test_a_low_frame_rate_after_a_higher_one_gives_a_remark() -> None:
+    """As of a camera that exposes longer at night; the rate of most frames does not show it."""
+    day = [t / 30 for t in range(1800)]
+    night = [60 + t / 5 for t in range(100)]
+    (note,) = taken([*day, *night])[1].remarks()
+    # The median of 15 steps shows the new rate from its eighth step on.
+    assert note.startswith("for 18 s in all, frames came at less than 9 per second, too few for")
+    pauses = [0, *(5 + t / 30 + 5 * (t // 100) for t in range(1800))]
+    assert taken(pauses)[1].remarks() == []
+
+
 @given(st.lists(st.sampled_from([0, 40, 200]) | st.integers(-(10**6), 10**6), max_size=9))
 @settings(max_examples=300)
 def test_any_times_become_later_with_each_frame_and_have_a_rate(steps_ms: list[int]) -> None:
