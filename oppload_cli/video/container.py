@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from time import monotonic
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
@@ -396,7 +396,7 @@ class ContainerSource:
                 packets = self._container.demux(self._stream)
             else:
                 errors = 0
-                self._arrived_s = monotonic()
+                self._arrived_s = perf_counter()  # `monotonic` has steps of 16 ms on Windows
                 if packet.pos is not None:
                     self._read_to = max(self._read_to, packet.pos + packet.size)
                 reordered = self._stream.codec_context.has_b_frames

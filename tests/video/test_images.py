@@ -255,11 +255,14 @@ class FakeCamera:
 
 
 class Clock:
-    """A clock that only `sleep` moves."""
+    """The clocks of Windows, which only `sleep` moves."""
 
     now_s = 0.0
 
     def monotonic(self) -> float:
+        return self.now_s // 0.015625 * 0.015625
+
+    def perf_counter(self) -> float:
         return self.now_s
 
     def sleep(self, seconds: float) -> None:
@@ -280,6 +283,24 @@ def test_a_camera_is_a_source_like_any_other(monkeypatch: pytest.MonkeyPatch) ->
         assert not video.decode.complete
     assert [frame.index for frame in frames] == [0, 1, 2]
     assert (frames[0].luma.shape, frames[0].time_s) == ((24, 32), 0)
+
+
+def test_the_times_of_a_camera_are_as_exact_as_a_clock_can_tell(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At 120 frames/s several frames would have equal times by a clock with steps of 16 ms."""
+
+    clock = Clock()
+
+    class Fast(FakeCamera):
+        def read(self) -> tuple[bool, Any]:
+            clock.sleep(1 / 120)
+            return super().read()
+
+    use(Fast, monkeypatch)
+    monkeypatch.setattr(images, "time", clock)
+    with open_video("camera:0", height=24) as video:
+        assert [frame.time_s for frame in video] == pytest.approx([0, 1 / 120, 2 / 120])
 
 
 def test_a_camera_that_fails_once_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
