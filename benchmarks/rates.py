@@ -382,7 +382,7 @@ def _on_clips(manifest: Path) -> Iterator[str]:
 def main() -> None:
     """Measure, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--phases", type=int, default=3)
+    parser.add_argument("--phases", type=int, default=12)
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--preset")
     parser.add_argument("--between", action="store_true")
