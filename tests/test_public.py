@@ -5,14 +5,13 @@ from __future__ import annotations
 import doctest
 import functools
 import inspect
-import subprocess
-import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import oppload_cli
 from oppload_cli import stimulus
+from tests.cli.process import loaded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -89,9 +88,5 @@ def test_completion_shows_the_public_names_and_no_others() -> None:
 
 
 def test_names_are_loaded_when_they_are_used() -> None:
-    code = (
-        "import sys, oppload_cli; dir(oppload_cli); before = 'numpy' in sys.modules; "
-        "oppload_cli.Opplod; print(before, 'numpy' in sys.modules, 'pandas' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "True", "False"]
+    code = "import sys, oppload_cli; dir(oppload_cli); assert 'numpy' not in sys.modules\n"
+    assert loaded(f"{code}oppload_cli.Opplod", "numpy", "pandas") == ["numpy"]

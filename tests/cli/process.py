@@ -1,4 +1,4 @@
-"""The real command in a real process."""
+"""The real command, or other code, in a real process."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib", "difflib", "traceback")  # slow to load
 ENTRY = "from oppload_cli.__main__ import entry; entry()"  # the code of the installed script
 
 
-def oppload(
-    *arguments: str | Path, cwd: Path | None = None, **environment: str
+def python(
+    code: str, *arguments: str | Path, cwd: Path | None = None, **environment: str
 ) -> subprocess.CompletedProcess[str]:
+    """Run code in a new Python process until it ends."""
     return subprocess.run(
-        [sys.executable, "-c", ENTRY, *map(str, arguments)],
+        [sys.executable, "-c", code, *map(str, arguments)],
         capture_output=True,
         text=True,
         check=False,
@@ -28,6 +30,19 @@ def oppload(
         timeout=120,
         env={**os.environ, **environment},
     )
+
+
+def loaded(code: str, *modules: str) -> list[str]:
+    """Return which of these modules a new Python process has loaded after this code."""
+    done = python(f"{code}\nimport sys; print(*({{*sys.argv[1:]}} & sys.modules.keys()))", *modules)
+    assert done.returncode == 0, done.stderr
+    return sorted(done.stdout.splitlines()[-1].split())
+
+
+def oppload(
+    *arguments: str | Path, cwd: Path | None = None, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    return python(ENTRY, *arguments, cwd=cwd, **environment)
 
 
 # Loads the libraries once, then forks a process for each command.

@@ -3,32 +3,23 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 from oppload_cli.pipeline.settings import resolve
 from tests.cli.inside import oppload
-from tests.cli.process import ENTRY
+from tests.cli.process import ENTRY, HEAVY, loaded, python
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib", "difflib", "traceback")
-
 
 def test_help_imports_nothing_heavy() -> None:
     code = (
-        "import sys, oppload_cli.cli as cli\n"
+        "import oppload_cli.cli as cli\n"
         "try: cli.main(['--help'])\n"
         "except SystemExit as end: assert end.code == 0\n"
-        f"print([name for name in {HEAVY} if name in sys.modules])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
-    )
-    assert done.stdout.splitlines()[-1] == "[]"
-    assert "Usage: oppload" in done.stdout
+    assert loaded(code, *HEAVY) == []
 
 
 def test_models_lists_every_parameter_once_defined() -> None:
@@ -83,13 +74,7 @@ def test_info_names_the_versions() -> None:
 
 def test_the_process_exits_with_everything_printed_and_registered_functions_called() -> None:
     first = "import atexit; atexit.register(print, 'at exit')"
-    done = subprocess.run(
-        [sys.executable, "-c", f"{first}\n{ENTRY}", "models", "--json"],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
+    done = python(f"{first}\n{ENTRY}", "models", "--json")
     described, _, rest = done.stdout.rpartition("}")
     assert json.loads(described + "}") == json.loads(oppload("models", "--json").stdout)
     assert rest.strip() == "at exit"
@@ -106,18 +91,10 @@ def test_a_run_loads_its_detectors_alone() -> None:
         "    print(sorted(name for name in sys.modules if name.startswith(rooms)))"
     )
     published = "oppload_cli.models.published"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
-    )
-    assert done.stdout.splitlines() == ["[]", str([f"{published}.lgmd2", f"{published}.parts"])]
+    names = [f"{published}.lgmd2", f"{published}.parts"]
+    assert python(code).stdout.splitlines() == ["[]", str(names)]
 
 
 def test_a_run_loads_no_large_library_before_the_decoder_begins() -> None:
-    code = (
-        "import sys, oppload_cli.cli.run, oppload_cli.video.opening, oppload_cli.models.presets\n"
-        f"print([name for name in {HEAVY[:5]} if name in sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
-    )
-    assert done.stdout.strip() == "[]"
+    modules = "oppload_cli.cli.run, oppload_cli.video.opening, oppload_cli.models.presets"
+    assert loaded(f"import {modules}", *HEAVY[:5]) == []

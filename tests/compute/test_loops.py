@@ -21,6 +21,7 @@ from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.layers import Dpc
 from tests.arithmetic import many_bands
 from tests.cli.inside import oppload
+from tests.cli.process import python
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -58,7 +59,8 @@ def build(folder: Path, name: str) -> None:
     code = "import sys, hatch_build as h; from pathlib import Path; " + (
         "sys.exit(not h._compile(Path(sys.argv[1]), sys.argv[2], h.BUILDS.get(sys.argv[2], ())))"
     )
-    subprocess.run([sys.executable, "-c", code, folder, name], cwd=ROOT, check=True)
+    done = python(code, folder, name, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
 
 
 def calls_of_twins(monkeypatch: pytest.MonkeyPatch) -> list[str]:
@@ -94,16 +96,17 @@ def test_a_build_is_found_and_can_be_switched_off(
     assert calls_of_twins(monkeypatch) == []
 
 
-@pytest.mark.parametrize(("value", "portable"), [("1", True), ("0", False), ("", False)])
-def test_the_environment_switches_the_loops_off(value: str, portable: bool) -> None:
-    code = "from oppload_cli.compute import loops; print(loops.portable, loops.arithmetic())"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, "OPPLOAD_PORTABLE": value},
-        cwd=ROOT, check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    switched, arithmetic = done.stdout.strip().split(maxsplit=1)
-    assert switched == str(portable)
-    assert arithmetic == "portable" or not portable
+def test_the_environment_switches_the_loops_off() -> None:
+    code = """if True:
+        import os
+        from importlib import reload
+        from oppload_cli.compute import loops
+        for os.environ["OPPLOAD_PORTABLE"] in "1", "0", "":
+            print(reload(loops).portable, loops.arithmetic())
+    """
+    switched, *others = python(code).stdout.splitlines()
+    assert switched == "True portable"
+    assert [each.split()[0] for each in others] == ["False", "False"]
 
 
 def test_the_baseline_build_agrees_with_the_wide_one(builds: Path) -> None:
@@ -223,7 +226,8 @@ def test_a_forked_child_has_threads_of_its_own() -> None:
         loops._in_bands((1000, 1000), lambda *_: None)
         os._exit(0)
     """
-    subprocess.run([sys.executable, "-W", "ignore", "-c", code], cwd=ROOT, check=True)
+    done = python(code, PYTHONWARNINGS="ignore")
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import sys
 
 import pytest
+
+from tests.cli.process import python
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
 
@@ -67,16 +68,6 @@ part.discard()
 """
 
 
-def ended(words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", BEGIN + words],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -91,7 +82,7 @@ def ended(words: str) -> subprocess.CompletedProcess[str]:
     ids=["asked", "not-asked", "ignored", "twice", "frames", "blocked", "writing"],
 )
 def test_the_first_signal_stops_where_it_is_asked_for(words: str, said: list[str]) -> None:
-    done = ended(words)
+    done = python(BEGIN + words)
     assert done.stderr == ""
     assert done.returncode == 0
     assert done.stdout.splitlines() == said
@@ -99,7 +90,7 @@ def test_the_first_signal_stops_where_it_is_asked_for(words: str, said: list[str
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_the_second_signal_ends_the_process(name: str) -> None:
-    done = ended(f"send(); print('one', flush=True); send('{name}'); print('two')")
+    done = python(f"{BEGIN}send(); print('one', flush=True); send('{name}'); print('two')")
     assert done.returncode == -getattr(signal, name)
     assert done.stdout.splitlines() == ["one"]
     assert done.stderr == ""

@@ -17,7 +17,7 @@ import pytest
 from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile
 from tests.cli.inside import Done, oppload, run
-from tests.cli.process import InTurn, in_turn
+from tests.cli.process import ENTRY, InTurn, in_turn, python
 from tests.media import grey_frames, write_film, write_video
 
 if TYPE_CHECKING:
@@ -203,13 +203,7 @@ def test_no_folder_for_the_cache_of_matplotlib(tmp_path: Path) -> None:
     )
     table = tmp_path / "clip.frames.csv"
     table.write_text("frame,time_s,luma_change\n0,0,\n1,0.1,0.5\n")
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(table)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "MPLCONFIGDIR": str(table)},
-    )
+    done = python(code, table, MPLCONFIGDIR=str(table))
     assert done.returncode == 2
     *_, last = done.stderr.splitlines()
     assert last == (
@@ -379,22 +373,9 @@ def test_a_name_that_is_no_utf_8(clip: Path, tmp_path: Path) -> None:
         Path(os.fsdecode(name)).write_bytes(clip.read_bytes())
     except OSError:
         pytest.skip("NOT TESTED: this file system takes no such name")
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "oppload_cli",
-            "run",
-            name,
-            "-o",
-            str(tmp_path / "out"),
-            "--annotate",
-        ],
-        capture_output=True,
-        check=False,
-    )
+    done = python(ENTRY, "run", os.fsdecode(name), "-o", tmp_path / "out", "--annotate")
     assert done.returncode == 0, done.stderr
-    assert rb"\xff\xfe" in done.stderr or rb"\udcff" in done.stderr
+    assert r"\xff\xfe" in done.stderr or r"\udcff" in done.stderr
     assert len(list((tmp_path / "out").iterdir())) == 4
 
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import struct
-import subprocess
-import sys
 import zlib
 from functools import cache
 from typing import TYPE_CHECKING
@@ -26,7 +23,7 @@ from oppload_cli.video.frames import (
 )
 from oppload_cli.video.source import open_video
 from tests.cli import inside
-from tests.cli.process import in_turn
+from tests.cli.process import in_turn, python
 from tests.robustness.inputs import KINDS, Kind, make
 
 if TYPE_CHECKING:
@@ -78,7 +75,7 @@ def bomb(folder: Path, name: str) -> Path:
 
 def test_decompression_bombs_are_refused_in_little_memory(tmp_path: Path) -> None:
     # The size in the data of the last one, H.264, counts, not the container's: the video is read.
-    paths = [str(bomb(tmp_path, name)) for name in ("images", "ffv1-avi", "gif", "h264-mp4")]
+    paths = [bomb(tmp_path, name) for name in ("images", "ffv1-avi", "gif", "h264-mp4")]
     code = (
         "import resource, sys\n"
         f"resource.setrlimit(resource.RLIMIT_AS, ({MOST_MEMORY}, {MOST_MEMORY}))\n"
@@ -89,13 +86,8 @@ def test_decompression_bombs_are_refused_in_little_memory(tmp_path: Path) -> Non
         "    except SystemExit as ended:\n"
         "        print(int(ended.code))\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "out"), *paths],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", **os.environ},
-    )
+    out = tmp_path / "out"
+    done = python(code, out, *paths, OPENBLAS_NUM_THREADS="1", OPENCV_FOR_THREADS_NUM="1")
     *refused, read = done.stdout.split()
     assert (refused, read in {"0", "3", "4"}) == (["3"] * 3, True), done.stderr
     assert "bug" not in done.stderr
@@ -213,14 +205,8 @@ def test_images_that_lie_about_their_size_take_little_memory(tmp_path: Path) -> 
         "    except SourceError as error:\n"
         "        assert 'none of these images can be read' in str(error), (folder, error)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, *(str(tmp_path / name) for name in LYING)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", **os.environ},
-        timeout=60,
-    )
+    folders = [tmp_path / name for name in LYING]
+    done = python(code, *folders, OPENBLAS_NUM_THREADS="1", OPENCV_FOR_THREADS_NUM="1")
     assert done.returncode == 0, done.stderr
 
 
@@ -288,11 +274,6 @@ def test_every_exit_code_from_a_real_process(tmp_path: Path) -> None:
         "from oppload_cli.cli import main\n"
         "main(['run', sys.argv[1], '-o', sys.argv[2]])\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(intact), str(tmp_path / "bug")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python(code, intact, tmp_path / "bug")
     assert done.returncode == 1
     assert done.stderr.startswith("oppload: this is a bug (ZeroDivisionError: on purpose)")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.cli.process import python
 from tests.media import grey_frames, write_video
 from tools.attack.judge import Ended, faults, prepared
 
@@ -130,11 +130,5 @@ print(text_of(sys.argv[1]), (square @ square)[0, 0])
 
 def test_memory_for_a_small_file_and_a_product(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text("small")
-    done = subprocess.run(
-        [sys.executable, "-c", LITTLE, str(tmp_path / "small.toml")],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )
+    done = python(LITTLE, tmp_path / "small.toml", OPENBLAS_NUM_THREADS="1")
     assert done.stdout == "small 256.0\n", done.stderr

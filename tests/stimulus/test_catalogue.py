@@ -5,10 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import hashlib
-import os
 import shutil
-import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +15,7 @@ from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.catalogue import catalogue_directory
 from oppload_cli.stimulus.files import Written, write_all
+from tests.cli.process import HEAVY, loaded, python
 from tests.stimulus.measuring import worst_errors
 
 ENTRIES = [entry.name for entry in stimulus.entries()]
@@ -231,12 +229,8 @@ def test_swept_files_lie_in_the_folder_of_the_protocol(name: str, tmp_path: Path
 
 
 def test_reading_the_catalogue_needs_no_numpy() -> None:
-    script = (
-        "import sys; from oppload_cli import stimulus; stimulus.load_all('klapoetke2017/*');"
-        "print([m for m in ('numpy', 'cv2', 'av', 'pandas', 'matplotlib') if m in sys.modules])"
-    )
-    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "[]"
+    code = "from oppload_cli import stimulus; stimulus.load_all('klapoetke2017/*')"
+    assert loaded(code, *HEAVY[:5]) == []
 
 
 def test_the_catalogue_is_found_in_a_wheel_as_in_the_source(tmp_path: Path) -> None:
@@ -245,16 +239,8 @@ def test_the_catalogue_is_found_in_a_wheel_as_in_the_source(tmp_path: Path) -> N
     assert catalogue_directory() == root / "stimuli"
     shutil.copytree(root / "oppload_cli", tmp_path / "oppload_cli")
     shutil.copytree(root / "stimuli", tmp_path / "oppload_cli" / "stimuli")
-    script = "from oppload_cli import stimulus; print(len(stimulus.entries()), stimulus.__file__)"
-    ran = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
-    )
-    count, path = ran.stdout.split()
+    code = "from oppload_cli import stimulus; print(len(stimulus.entries()), stimulus.__file__)"
+    count, path = python(code, cwd=tmp_path, PYTHONPATH=str(tmp_path)).stdout.split()
     assert int(count) == len(ENTRIES)
     assert Path(path).is_relative_to(tmp_path)
 

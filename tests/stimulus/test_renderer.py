@@ -6,8 +6,6 @@ import dataclasses
 import hashlib
 import itertools
 import math
-import subprocess
-import sys
 from fractions import Fraction
 from typing import Any
 
@@ -30,6 +28,7 @@ from oppload_cli.stimulus import (
 )
 from oppload_cli.stimulus.coverage import disk_coverage
 from oppload_cli.stimulus.geometry import Projection
+from tests.cli.process import python
 
 
 def made(*objects: Object, seconds: float = 1.0, scale: float = 5.0, **tables: Any) -> Protocol:
@@ -380,7 +379,7 @@ def test_same_bytes_in_another_process() -> None:
         "controls/dots-coherence/coherence-0.25",
         "controls/looming-noise/noise-0.1",
     )
-    script = (
+    code = (
         "import hashlib, sys\n"
         "from oppload_cli import stimulus\n"
         "for name in sys.argv[1:]:\n"
@@ -389,10 +388,7 @@ def test_same_bytes_in_another_process() -> None:
         "        picture = stimulus.Renderer(protocol).grey(index).tobytes()\n"
         "        print(name, index, hashlib.sha256(picture).hexdigest())\n"
     )
-    ran = subprocess.run(
-        [sys.executable, "-c", script, *names], capture_output=True, text=True, check=True
-    )
-    there = ran.stdout.splitlines()
+    there = python(code, *names).stdout.splitlines()
     assert len(there) == 12
     for name in names:
         renderer = Renderer(stimulus.load(name))

@@ -26,7 +26,7 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.video import opening
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.opening import Opening
-from tests.cli.process import ENTRY, in_turn
+from tests.cli.process import ENTRY, in_turn, python
 from tests.media import grey_frames, write_film, write_video
 from tests.robustness.inputs import KINDS, make
 from tests.video.test_container import MATRICES, turned
@@ -227,9 +227,7 @@ def test_it_ends_with_the_process_that_started_it(made: dict[str, Path]) -> None
         "print(open(f'/proc/thread-self/children').read(), flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=False
-    )
+    done = python(code, path)
     assert done.stderr == ""
     assert _ends(int(done.stdout))
 
