@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from oppload_cli.compute import loops
+from oppload_cli.models import registry
 from tests.browser import browser
 
 if TYPE_CHECKING:
@@ -91,6 +92,15 @@ def _signals(_answered: dict[int, Any]) -> Iterator[None]:
     yield
     for number, handler in _answered.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def same_detectors_after() -> Iterator[None]:
+    """Forget the detectors that a test registers."""
+    before = registry.known_names()
+    yield
+    for name in set(registry.known_names()).difference(before):
+        registry.forget(name)
 
 
 @pytest.fixture

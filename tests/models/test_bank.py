@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = ["many_bands"]
 
+pytestmark = pytest.mark.usefixtures("same_detectors_after")
+
 
 def random_frames(count: int, shape: tuple[int, int]) -> list[Luma]:
     return list(np.random.default_rng(21).random((count, *shape), dtype=np.float32))
@@ -189,16 +191,13 @@ def test_an_answer_that_is_not_a_response_is_refused(
     monkeypatch: pytest.MonkeyPatch, answer: object, kind: str
 ) -> None:
     registry.register(Loose)
-    try:
-        bank = DetectorBank((9, 9), [DlgmdParams(), LooseParams()])
-        monkeypatch.setattr(Loose, "answer", Response(0.25))
-        assert bank.step(np.zeros((9, 9), np.float32))["loose"] == Response(0.25)
-        monkeypatch.setattr(Loose, "answer", answer)
-        message = f"detector 'loose': its step returned {kind}, not a Response or None"
-        with pytest.raises(DetectorError, match=message):
-            bank.step(np.zeros((9, 9), np.float32))
-    finally:
-        registry.forget("loose")
+    bank = DetectorBank((9, 9), [DlgmdParams(), LooseParams()])
+    monkeypatch.setattr(Loose, "answer", Response(0.25))
+    assert bank.step(np.zeros((9, 9), np.float32))["loose"] == Response(0.25)
+    monkeypatch.setattr(Loose, "answer", answer)
+    message = f"detector 'loose': its step returned {kind}, not a Response or None"
+    with pytest.raises(DetectorError, match=message):
+        bank.step(np.zeros((9, 9), np.float32))
 
 
 def test_numbers_of_numpy_become_those_of_python(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -212,10 +211,7 @@ def test_numbers_of_numpy_become_those_of_python(monkeypatch: pytest.MonkeyPatch
     double = np.float64(2)
     monkeypatch.setattr(Loose, "answer", WithShare(three, Box(half, double, 1, 2), double))
     registry.register(Loose)
-    try:
-        answer = DetectorBank((9, 9), [LooseParams()]).step(np.zeros((9, 9), np.float32))["loose"]
-    finally:
-        registry.forget("loose")
+    answer = DetectorBank((9, 9), [LooseParams()]).step(np.zeros((9, 9), np.float32))["loose"]
     assert answer == WithShare(3, Box(0.5, 2, 1, 2), 2)
     assert isinstance(answer, WithShare)
     assert answer.box is not None
@@ -240,12 +236,9 @@ def test_an_answer_that_is_no_number_is_refused(
 ) -> None:
     monkeypatch.setattr(Loose, "answer", answer)
     registry.register(Loose)
-    try:
-        with pytest.raises(DetectorError) as refused:
-            DetectorBank((9, 9), [LooseParams()]).step(np.zeros((9, 9), np.float32))
-        assert f"detector 'loose': its step returned {fault}" in str(refused.value)
-    finally:
-        registry.forget("loose")
+    with pytest.raises(DetectorError) as refused:
+        DetectorBank((9, 9), [LooseParams()]).step(np.zeros((9, 9), np.float32))
+    assert f"detector 'loose': its step returned {fault}" in str(refused.value)
 
 
 class _Failing(Loose):
@@ -261,19 +254,16 @@ class _Failing(Loose):
 def test_a_detector_that_fails_or_changes_the_frame_is_named() -> None:
     """The frame stays as it was for the other detectors."""
     registry.register(_Failing)
-    try:
-        params = [_Failing.parameters(), DlgmdParams()]
-        sent = pickle.loads(pickle.dumps(params[0]))  # noqa: S301 - to another process
-        assert type(sent) is _Failing.parameters
-        frame = np.full((9, 9), 0.5, np.float32)
-        with pytest.raises(DetectorError) as failed:
-            DetectorBank((9, 9), params).step(frame)
-        assert "detector 'failing': its step failed (ValueError: " in str(failed.value)
-        assert f"{__file__}, line " in str(failed.value)
-        assert (frame == 0.5).all()
-        assert frame.flags.writeable
-    finally:
-        registry.forget("failing")
+    params = [_Failing.parameters(), DlgmdParams()]
+    sent = pickle.loads(pickle.dumps(params[0]))  # noqa: S301 - to another process
+    assert type(sent) is _Failing.parameters
+    frame = np.full((9, 9), 0.5, np.float32)
+    with pytest.raises(DetectorError) as failed:
+        DetectorBank((9, 9), params).step(frame)
+    assert "detector 'failing': its step failed (ValueError: " in str(failed.value)
+    assert f"{__file__}, line " in str(failed.value)
+    assert (frame == 0.5).all()
+    assert frame.flags.writeable
 
 
 @pytest.mark.parametrize("member", ["at_rest", "separate", "units"])
@@ -289,19 +279,16 @@ def test_each_member_that_fails_is_named(
     monkeypatch.setattr(Loose, "interpolated", "both")
     monkeypatch.setattr(Loose, member, failing, raising=False)
     registry.register(Loose)
-    try:
-        bank = DetectorBank((9, 9), [LooseParams()])
-        bank.step(np.zeros((9, 9), np.float32))
-        calls: dict[str, Callable[[], object]] = {
-            "at_rest": lambda: bank.at_rest(1),
-            "separate": bank.separate,
-            "units": lambda: bank.units_of("loose"),
-        }
-        with pytest.raises(DetectorError, match=f"detector 'loose': its {member} failed") as failed:
-            calls[member]()
-        assert f"{kind.__name__}: own words" in str(failed.value)
-    finally:
-        registry.forget("loose")
+    bank = DetectorBank((9, 9), [LooseParams()])
+    bank.step(np.zeros((9, 9), np.float32))
+    calls: dict[str, Callable[[], object]] = {
+        "at_rest": lambda: bank.at_rest(1),
+        "separate": bank.separate,
+        "units": lambda: bank.units_of("loose"),
+    }
+    with pytest.raises(DetectorError, match=f"detector 'loose': its {member} failed") as failed:
+        calls[member]()
+    assert f"{kind.__name__}: own words" in str(failed.value)
 
 
 class _Unmakable(Loose):
@@ -314,21 +301,15 @@ class _Unmakable(Loose):
 
 def test_a_detector_that_cannot_be_made_is_named() -> None:
     registry.register(_Unmakable)
-    try:
-        with pytest.raises(DetectorError, match="detector 'unmakable': cannot be made"):
-            DetectorBank((9, 9), [_Unmakable.parameters()])
-    finally:
-        registry.forget("unmakable")
+    with pytest.raises(DetectorError, match="detector 'unmakable': cannot be made"):
+        DetectorBank((9, 9), [_Unmakable.parameters()])
 
 
 def test_a_detector_with_unknown_pictures_in_between_is_named() -> None:
     kind = again(interpolated=True)
     registry.register(kind)
-    try:
-        with pytest.raises(DetectorError, match=r"'again': .* is True; return one of both, earl"):
-            DetectorBank((9, 9), [kind.parameters()])
-    finally:
-        registry.forget("again")
+    with pytest.raises(DetectorError, match=r"'again': .* is True; return one of both, earl"):
+        DetectorBank((9, 9), [kind.parameters()])
 
 
 def again(**others: object) -> type[Detector]:
@@ -338,16 +319,13 @@ def again(**others: object) -> type[Detector]:
 
 
 def test_a_class_defined_again_takes_the_place_of_the_one_before() -> None:
-    try:
-        for label, least in (("one", 0.5), ("two", 0.9)):
-            registry.register(again(label=label, alarm_floors={"default": least}))
-            floor = registry.detector_named("again").alarm_floors["default"]
-            assert type(alarm_params())().floor_of("again") == floor
-        assert registry.detector_named("again").label == "two"
-        with pytest.raises(ParameterError, match="its name is taken"):
-            registry.register(again(__qualname__="Other"))
-    finally:
-        registry.forget("again")
+    for label, least in (("one", 0.5), ("two", 0.9)):
+        registry.register(again(label=label, alarm_floors={"default": least}))
+        floor = registry.detector_named("again").alarm_floors["default"]
+        assert type(alarm_params())().floor_of("again") == floor
+    assert registry.detector_named("again").label == "two"
+    with pytest.raises(ParameterError, match="its name is taken"):
+        registry.register(again(__qualname__="Other"))
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,9 @@ from oppload_cli.pipeline.settings import _TOP_LEVEL, parameter_sets
 from oppload_cli.schema import Parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from oppload_cli.models.dpc import Map
+
+pytestmark = pytest.mark.usefixtures("same_detectors_after")
 
 NAMES = [
     *("opplod", "dlgmd", "frame_difference", "flow_divergence", "ttc_gradient", "area_growth"),
@@ -55,14 +55,6 @@ class Other(Detector):
 
     def reset(self) -> None:
         pass
-
-
-@pytest.fixture(autouse=True)
-def _same_detectors_after() -> Iterator[None]:
-    yield
-    for name in registry.detectors():
-        if name not in NAMES:
-            registry.forget(name)
 
 
 def test_the_detectors_in_their_order() -> None:

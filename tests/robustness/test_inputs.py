@@ -130,6 +130,7 @@ def test_the_first_of_several_video_streams_is_read(tmp_path: Path) -> None:
         for stream in streams:
             container.mux(stream.encode())
     with open_video(path, height=None) as video:
+        assert video.facts.video_streams == 2
         assert [round(float(f.luma.mean()) * 255) for f in video] == list(range(5))
         assert video.decode.complete
     said = oppload("run", path, "-o", tmp_path).stderr

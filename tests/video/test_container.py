@@ -6,7 +6,6 @@ from fractions import Fraction
 from itertools import accumulate, cycle, islice
 from typing import TYPE_CHECKING, Any
 
-import av
 import numpy as np
 import pytest
 
@@ -50,15 +49,6 @@ def test_limited_range_is_expanded(tmp_path: Path) -> None:
     [frame] = frames_of(path, height=None)
     row = frame.luma[0]
     assert [row[0], row[20], row[40], row[60]] == pytest.approx([0, 1, 0, 110 / 219], abs=1e-7)
-
-
-def test_ten_bits_keep_their_precision(tmp_path: Path) -> None:
-    codes = np.tile(np.arange(64, 940, 13, dtype=np.uint16)[:64], (48, 1))
-    path = write_video(
-        tmp_path / "a.mkv", [codes], pixel_format="gray10le", source_format="gray10le"
-    )
-    [frame] = frames_of(path, height=None)
-    np.testing.assert_allclose(frame.luma, codes / 1023, atol=1e-7)
 
 
 def test_rgb_becomes_grey_by_rec_601(tmp_path: Path) -> None:
@@ -128,34 +118,6 @@ def test_the_rate_of_a_raw_stream_that_states_none_is_assumed(tmp_path: Path) ->
     path = write_video(tmp_path / "a.mjpeg", grey_frames(3), codec="mjpeg", pixel_format="yuvj420p")
     with open_video(path) as video:
         assert (video.facts.frame_rate, video.facts.rate_assumed) == (Fraction(25), True)
-
-
-@pytest.mark.parametrize(
-    ("name", "codec", "pixel_format"),
-    [
-        ("a.mp4", "libx264", "yuv420p"),
-        ("a.mkv", "libx264", "yuv420p"),
-        ("a.avi", "mpeg4", "yuv420p"),
-        ("a.mov", "mjpeg", "yuvj420p"),
-        ("a.webm", "libvpx-vp9", "yuv420p"),
-        ("a.ts", "libx264", "yuv420p"),
-    ],
-)
-def test_every_frame_of_common_files_comes_out(
-    tmp_path: Path, name: str, codec: str, pixel_format: str
-) -> None:
-    images = grey_frames(25)
-    path = write_video(tmp_path / name, images, codec=codec, pixel_format=pixel_format)
-    with open_video(path, height=None) as video:
-        frames = list(video)
-        assert video.decode.complete
-        assert video.decode.decoded == 25
-    times = [frame.time_s for frame in frames]
-    assert times == pytest.approx([t / 30 for t in range(25)], abs=2e-3)
-    error = [
-        np.abs(frame.luma - image / 255).mean() for frame, image in zip(frames, images, strict=True)
-    ]
-    assert max(error) < 0.03
 
 
 def test_presentation_times_are_those_of_the_file(tmp_path: Path) -> None:
@@ -424,36 +386,6 @@ def test_a_picture_of_many_bits_counts_as_more_pixels(
         SourceError, match=r"declares 64 x 48 pixels of 48 bits, more than 12287 of"
     ):
         open_video(path)
-
-
-def test_sound_alone_is_no_video(tmp_path: Path) -> None:
-    path = tmp_path / "sound.mkv"
-    with av.open(str(path), "w") as container:
-        stream: Any = container.add_stream("pcm_s16le", rate=8000)
-        frame = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), layout="mono")
-        frame.sample_rate = 8000
-        for packet in [*stream.encode(frame), *stream.encode()]:
-            container.mux(packet)
-    with pytest.raises(SourceError, match="holds no video stream"):
-        open_video(path)
-
-
-@pytest.mark.parametrize("videos", [1, 2, 3])
-def test_videos_of_a_file_are_counted_and_the_first_is_read(tmp_path: Path, videos: int) -> None:
-    path = tmp_path / "a.mkv"
-    with av.open(str(path), "w") as container:
-        streams: list[Any] = [container.add_stream("ffv1", rate=30) for _ in range(videos)]
-        for number, stream in enumerate(streams):
-            stream.width, stream.height, stream.pix_fmt = 64, 48 + 16 * number, "gray"
-        for number, stream in enumerate(streams):
-            image = np.full((48 + 16 * number, 64), 50 * number, np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
-            container.mux(stream.encode())
-    with open_video(path, height=None) as video:
-        assert video.facts.video_streams == videos
-        [frame] = video
-        assert frame.luma.shape == (48, 64)
-        assert frame.luma.max() == 0
 
 
 @pytest.mark.parametrize(

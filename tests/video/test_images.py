@@ -93,14 +93,6 @@ def test_two_images_of_one_number_are_no_gap(tmp_path: Path) -> None:
         assert [len(list(video)), video.decode.messages] == [6, []]
 
 
-def test_colour_becomes_grey_by_rec_601(tmp_path: Path) -> None:
-    for index in range(2):
-        cv2.imwrite(str(tmp_path / f"{index}.png"), np.full((20, 20, 3), (50, 100, 200), np.uint8))
-    with open_video(tmp_path, height=None) as video:
-        luma = next(iter(video)).luma
-    assert luma.max() == luma.min() == pytest.approx(124 / 255)
-
-
 def test_a_damaged_image_is_counted_and_the_others_are_read(folder: Path) -> None:
     (folder / "frame_5.png").write_bytes(b"\x89PNG but no more")
     with open_video(folder, height=None) as video:
