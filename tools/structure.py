@@ -92,8 +92,10 @@ def _tree(path: Path) -> ast.Module:
 
 
 @cache
-def _nodes(path: Path) -> list[ast.AST]:
-    return list(ast.walk(_tree(path)))
+def _naming(path: Path) -> list[ast.AST]:
+    """Return the parts of a module that may name another module."""
+    kinds = ast.Constant | ast.Import | ast.ImportFrom
+    return [node for node in ast.walk(_tree(path)) if isinstance(node, kinds)]
 
 
 def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
@@ -104,7 +106,7 @@ def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
     """
     graph: Graph = {}
     for module, path in modules.items():
-        nodes = _nodes(path) if types else _run_when_imported(_tree(path))
+        nodes = _naming(path) if types else _run_when_imported(_tree(path))
         names = {name for node in nodes for name in _imported_names(node, modules)}
         graph[module] = names - {module}
     return graph

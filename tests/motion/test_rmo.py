@@ -232,7 +232,7 @@ def from_nearest_corner(x: float, y: float) -> float:
 
 
 @pytest.mark.once
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(x=inside_x, y=inside_y, rate=st.floats(0.001, 0.5))
 def test_expansion_and_contraction(x: float, y: float, rate: float) -> None:
     outward = rate * (grid() - [x, y])
@@ -257,7 +257,7 @@ def test_translation_is_exactly_zero(velocity: tuple[float, float]) -> None:
 
 
 @pytest.mark.once
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(x=inside_x, y=inside_y, rate=st.floats(0.001, 0.5), sense=st.sampled_from([-1, 1]))
 def test_rotation_has_no_rom_pair(x: float, y: float, rate: float, sense: int) -> None:
     metrics = rmo_metrics(grid(), sense * rate * quarter_turn(grid() - [x, y]))

@@ -303,7 +303,10 @@ def test_dollar_signs_in_the_words_of_a_detector_are_no_formula(
 
 @pytest.mark.parametrize("scale", ["threshold", "raw"])
 def test_heat_maps_of_many_detectors_lie_apart_with_their_words(tmp_path: Path, scale: str) -> None:
-    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows_of_eight()))
+    rows = rows_of_eight()
+    for at, row in enumerate(rows[3:]):
+        row |= {f"{name}_response": f"{0.0031 * 1.1**at:.9g}" for name in EIGHT}  # to 0.096
+    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
     results = [replace(result, path=tmp_path / f"clip-{number}.frames.csv") for number in range(25)]
     figure, axes = plot_curves(results, models=EIGHT[:6], scale=scale)
     figure.draw_without_rendering()
@@ -314,18 +317,7 @@ def test_heat_maps_of_many_detectors_lie_apart_with_their_words(tmp_path: Path, 
     boxes += [text.get_window_extent() for text in texts if text.get_text()]
     assert not [1 for one, other in combinations(boxes, 2) if one.overlaps(other)]
     assert min(panel.get_position().width for panel in axes) > 0.1
-
-
-def test_the_numbers_of_a_short_logarithmic_colour_bar_do_not_overlap(tmp_path: Path) -> None:
-    rows = rows_of_eight()
-    for at, row in enumerate(rows[3:]):
-        row |= {f"{name}_response": f"{0.0031 * 1.1**at:.9g}" for name in EIGHT}  # to 0.096
-    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
-    results = [replace(result, path=tmp_path / f"clip-{number}.frames.csv") for number in range(25)]
-    figure, axes = plot_curves(results, models=EIGHT[:6], scale="raw")
-    figure.draw_without_rendering()
-    for bar in figure.axes[len(axes) :]:
-        axis = bar.xaxis
+    for axis in [bar.xaxis for bar in bars] * (scale == "raw"):  # the numbers do not overlap
         shown = [tick.label1 for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]]
         assert [label.get_text() for label in shown if label.get_text()] == ["0.01", "0.03"]
 
@@ -502,7 +494,7 @@ def test_the_same_input_gives_the_same_bytes(
     made = []
     for name in ("one", "two"):
         path = tmp_path / f"{name}{suffix}"
-        save(plot_curves(result, marks={"onset": [1.0]})[0], path)
+        save(plot_curves(result, models=["opplod"], marks={"onset": [1.0]})[0], path)
         made.append(path.read_bytes())
     assert made[0] == made[1]
     assert len(made[0]) > 5000

@@ -278,7 +278,7 @@ def at_the_start(conditions: list[Condition], entry: Entry, settings: Settings) 
 def test_peaks_at_the_start_of_motion_are_named() -> None:
     """D-LGMD meets no inhibition there; OppLoD leaves such edges out."""
     entry = swept("klapoetke2017/bar-expand-10", ["axis=0,45"])
-    settings = resolve(preset="reference", height="120", models=["opplod", "dlgmd"])
+    settings = resolve(preset="reference", height="60", models=["opplod", "dlgmd"])
     (doubt,) = at_the_start(tune(entry, settings), entry, settings)
     assert doubt.text.startswith("D-LGMD: 2 of 2 peaks come within 0.083 s after the start")
     assert "inhibition" not in doubt.text  # some detectors have none

@@ -84,11 +84,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: make_it(folder / name) for name, make_it in MAKE.items()}
 
 
-@pytest.mark.parametrize("name", MAKE)
 @pytest.mark.parametrize(
-    ("height", "span"),
-    [(None, Span()), (24, Span(start=Position(frame=7))), (40, Span(end=Position(frame=9)))],
-    ids=["native, all", "24, start", "40, end"],
+    ("name", "height", "span"),
+    [
+        *((name, None, Span()) for name in MAKE),
+        ("turned.mp4", 24, Span(start=Position(frame=7))),
+        ("colour.gif", 40, Span(end=Position(frame=9))),
+    ],
 )
 def test_frames_are_the_same_in_a_separate_process(
     name: str, height: int | None, span: Span, made: dict[str, Path]
