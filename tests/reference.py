@@ -112,11 +112,7 @@ def centres(length: int, cell: int) -> list[float]:
 
 
 def pooled(
-    s: Array,
-    cell: int,
-    sigma_cells: float,
-    frame: tuple[int, int] | None = None,
-    times: int = 1,
+    s: Array, cell: int, sigma_cells: float, frame: tuple[int, int] | None = None, times: int = 1
 ) -> Array:
     """Gaussian of unit sum on an endless plane, sampled at the cells' centres.
 

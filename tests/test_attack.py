@@ -18,14 +18,7 @@ import pytest
 from tools.attack import judge
 from tools.attack.campaign import Judged, isolate, keep, main, table
 from tools.attack.families import make_case, make_material
-from tools.attack.judge import (
-    Case,
-    Ended,
-    faults,
-    faults_of_process,
-    prepared,
-    shared_memory,
-)
+from tools.attack.judge import Case, Ended, faults, faults_of_process, prepared, shared_memory
 from tools.attack.server import Server
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")

@@ -32,10 +32,7 @@ SLOW = {"batch_to_table", "response_over_l_over_v", "two_presets"}  # runs of se
     ],
 )
 def test_a_script_runs(
-    path: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     mpl.use("agg")

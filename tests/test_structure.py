@@ -57,9 +57,7 @@ def test_an_unknown_room_is_an_error() -> None:
         structure.layer_of("cellar")
 
 
-def test_a_detector_that_is_loaded_by_its_name_counts_as_imported(
-    imports: structure.Graph,
-) -> None:
+def test_a_detector_that_is_loaded_by_its_name_counts_as_imported(imports: structure.Graph) -> None:
     registry = imports["oppload_cli.models.registry"]
     assert {"oppload_cli.models.opplod", "oppload_cli.models.published.lgmd2"} < registry
 

@@ -48,7 +48,7 @@ def test_folders_patterns_and_files_are_sorted_and_each_once() -> None:
     assert names(".", recursive=True) == ["./a/deep/x.avi", "./a/x.avi", "./b.mp4", "./images"]
     assert names("a/**/*.avi") == ["a/deep/x.avi", "a/x.avi"]
     assert names("*.mp4", "camera:0", "http://host/a?b=[1].mp4") == [
-        *("b.mp4", "camera:0", "http://host/a?b=[1].mp4"),
+        *("b.mp4", "camera:0", "http://host/a?b=[1].mp4")
     ]
 
 
@@ -127,7 +127,7 @@ def test_a_ground_truth_beside_its_video_is_no_input(tree: Path) -> None:
     for name in ("a/x.stimulus.json", "images.stimulus.json", "other.stimulus.json"):
         (tree / name).touch()
     assert names("a/x.*", "images", "images.stimulus.json", "other.stimulus.json") == [
-        *("a/x.avi", "images", "other.stimulus.json"),
+        *("a/x.avi", "images", "other.stimulus.json")
     ]
 
 

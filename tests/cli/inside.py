@@ -25,12 +25,7 @@ class Done(NamedTuple):
 def oppload(*arguments: str | Path, cwd: Path | str = ".") -> Done:
     """Run the command as `tests.cli.process.oppload` does, which starts a process for it."""
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="") for _ in range(2))
-    with (
-        redirect_stdout(out),
-        redirect_stderr(err),
-        chdir(cwd),
-        pytest.raises(SystemExit) as ended,
-    ):
+    with redirect_stdout(out), redirect_stderr(err), chdir(cwd), pytest.raises(SystemExit) as ended:
         main([str(argument) for argument in arguments])
     texts = []
     for stream in (out, err):

@@ -154,7 +154,7 @@ def test_failures_spare_the_others_and_are_tried_again(clips: Path, tmp_path: Pa
     retried = oppload(*shlex.split(again)[1:])
     assert retried.returncode == 0, retried.stderr
     assert set(tables(out)) == {
-        *("clip0.frames.csv", "clip1.frames.csv", "it's bad.frames.csv", "x.frames.csv"),
+        *("clip0.frames.csv", "clip1.frames.csv", "it's bad.frames.csv", "x.frames.csv")
     }
     assert not (out / "failures.csv").exists()
 

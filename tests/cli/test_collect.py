@@ -36,7 +36,7 @@ def test_a_row_per_input_and_model(results: Path, clip: Path, tmp_path: Path) ->
     assert (done.returncode, done.stdout) == (0, "")
     table = rows(tmp_path / "all.csv")
     assert [(row["model"], row["analysed"]) for row in table] == [
-        *(("opplod", "24"), ("dlgmd", "24"), ("dlgmd", "10")),
+        *(("opplod", "24"), ("dlgmd", "24"), ("dlgmd", "10"))
     ]
     assert {row["input"] for row in table} == {str(clip)}
     assert table[0]["frame_rate"] == "30"

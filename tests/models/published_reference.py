@@ -90,10 +90,7 @@ class Sfa:
 
 
 def on_off(p: Plane, on: Plane, off: Plane) -> tuple[Plane, Plane]:
-    return (
-        np.where(p >= 0.1, p, 0) + 0.1 * on,
-        np.where(p < 0.1, np.abs(p), 0) + 0.1 * off,
-    )
+    return (np.where(p >= 0.1, p, 0) + 0.1 * on, np.where(p < 0.1, np.abs(p), 0) + 0.1 * off)
 
 
 def lgmd1_single(frames: Frames, *, absolute: bool = False) -> Iterator[Row]:
@@ -139,10 +136,7 @@ def lgmd1_onoff(frames: Frames) -> Iterator[Row]:
 
 
 def lgmd1_group(
-    frames: Frames,
-    p1: float = 0.5,
-    p2: float = 0.5,
-    mask: Callable[[Plane], Plane] = lambda x: x,
+    frames: Frames, p1: float = 0.5, p2: float = 0.5, mask: Callable[[Plane], Plane] = lambda x: x
 ) -> Iterator[Row]:
     n = frames[0].size
     one = two = np.zeros(frames[0].shape)

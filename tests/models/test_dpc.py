@@ -231,11 +231,7 @@ def test_a_refused_frame_changes_nothing(stride: int) -> None:
 
 @pytest.mark.parametrize(
     "frame",
-    [
-        np.zeros((8, 9), np.float32),
-        np.zeros((9, 9), np.float64),
-        np.zeros((9, 9, 3), np.float32),
-    ],
+    [np.zeros((8, 9), np.float32), np.zeros((9, 9), np.float64), np.zeros((9, 9, 3), np.float32)],
 )
 def test_a_wrong_array_is_refused(frame: Luma) -> None:
     with pytest.raises(FrameError, match="float32 array of shape"):

@@ -105,8 +105,7 @@ def test_emd_lplc2_gf_is_the_literal_version() -> None:
 
 
 @pytest.mark.parametrize(
-    ("element", "part"),
-    [(2, (60, 87, 85, 116)), (4, (45, 105, 64, 136)), (8, (20, 133, 43, 156))],
+    ("element", "part"), [(2, (60, 87, 85, 116)), (4, (45, 105, 64, 136)), (8, (20, 133, 43, 156))]
 )
 def test_zhou_lrf_is_the_literal_version(element: int, part: tuple[int, int, int, int]) -> None:
     top, bottom, left, right = part  # also sides that are no multiple of the element

@@ -184,14 +184,7 @@ def random_frames() -> list[Luma]:
 @cache
 def literal_opponency(**changes: Any) -> np.ndarray:
     """Both the compiled loops and the plain ones are held to this."""
-    parts = {
-        "axes": 45,
-        "stride": 1,
-        "compression": 1,
-        "border": 0,
-        "halved_weight": 0,
-        "cone": 90,
-    }
+    parts = {"axes": 45, "stride": 1, "compression": 1, "border": 0, "halved_weight": 0, "cone": 90}
     frames = random_frames()
     return reference.default_opponency(
         frames, field=30, cell=5, sigma=1.0, w_p=0.7, **(parts | changes)

@@ -288,10 +288,7 @@ def test_minimum_change_drops_vectors_that_the_search_guessed() -> None:
     before, now = disk((160, 120), 30), disk((160, 120), 32)
     far_away, kept = [
         float(np.hypot(*(motion.starts - (160, 120)).T).max())
-        for motion in (
-            vectors(before, now, RmoParams(minimum_change=0.0)),
-            vectors(before, now),
-        )
+        for motion in (vectors(before, now, RmoParams(minimum_change=0.0)), vectors(before, now))
     ]
     assert far_away > 50
     assert kept < 32 + 14
@@ -299,11 +296,7 @@ def test_minimum_change_drops_vectors_that_the_search_guessed() -> None:
 
 @pytest.mark.parametrize(
     "frame",
-    [
-        np.zeros((4, 4)),
-        np.zeros((4, 4, 3), dtype=np.uint8),
-        np.zeros((0, 4), dtype=np.float32),
-    ],
+    [np.zeros((4, 4)), np.zeros((4, 4, 3), dtype=np.uint8), np.zeros((0, 4), dtype=np.float32)],
 )
 def test_not_a_luminance_image(frame: Image) -> None:
     with pytest.raises(FrameError, match="give float32 luminance"):

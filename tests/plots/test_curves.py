@@ -142,9 +142,7 @@ def test_a_peak_outside_the_axis_leaves_the_panel_its_size(result: BaseResult) -
     assert sizes[1] == pytest.approx(sizes[0], abs=0.05)
 
 
-def test_a_row_of_panels_keeps_its_height_and_its_label_under_a_long_legend(
-    tmp_path: Path,
-) -> None:
+def test_a_row_of_panels_keeps_its_height_and_its_label_under_a_long_legend(tmp_path: Path) -> None:
     rows = frame_rows()
     for row in rows:
         row.update({f"{name}_response": row["opplod_response"] for name in detectors()})

@@ -10,15 +10,7 @@ import pytest
 
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.reproduction.claims import Built, Verdict
-from oppload_cli.reproduction.lplc2 import (
-    BATTERY,
-    Row,
-    _alike,
-    _does,
-    _published,
-    phenomena,
-    show,
-)
+from oppload_cli.reproduction.lplc2 import BATTERY, Row, _alike, _does, _published, phenomena, show
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import low_passed, present
 

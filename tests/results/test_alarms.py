@@ -14,14 +14,7 @@ from oppload_cli.errors import BusyError
 from oppload_cli.files import atomic
 from oppload_cli.models.detector import Box, Response
 from oppload_cli.results import alarms
-from oppload_cli.results.alarms import (
-    AlarmLog,
-    Verdict,
-    in_words,
-    times,
-    verdicts_in,
-    write_alarms,
-)
+from oppload_cli.results.alarms import AlarmLog, Verdict, in_words, times, verdicts_in, write_alarms
 from oppload_cli.results.table import FrameRecord
 
 if TYPE_CHECKING:

@@ -158,11 +158,7 @@ def say(line: dict[str, Any]) -> None:
 
 
 def one(
-    folder: Path,
-    clips: dict[str, tuple[bytes, int, str]],
-    seed: int,
-    number: int,
-    ffmpeg: str,
+    folder: Path, clips: dict[str, tuple[bytes, int, str]], seed: int, number: int, ffmpeg: str
 ) -> Outcome:
     """Damage one file, and read it; without ffmpeg, PyAV's plain loop is the reference."""
     victim, way = VICTIMS[number % len(VICTIMS)], WAYS[number // len(VICTIMS) % len(WAYS)]

@@ -125,13 +125,7 @@ def words(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Pat
     copy.write_bytes(clip.read_bytes())
     manifest.write_text(f"file,label,onset_frame,contact_frame\n{clip},looming,2,9\n")
     table = folder / "clip.frames.csv"
-    return {
-        "clip": clip,
-        "copy": copy,
-        "manifest": manifest,
-        "results": folder,
-        "table": table,
-    }
+    return {"clip": clip, "copy": copy, "manifest": manifest, "results": folder, "table": table}
 
 
 def one_sentence(done: Done, sentence: str) -> None:

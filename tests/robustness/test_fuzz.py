@@ -18,10 +18,7 @@ from oppload_cli.plots.curves import plot_curves
 from oppload_cli.results.reading import read_result
 from oppload_cli.video.inputs import each_once, parse_position, result_stem
 
-BOUNDED = settings(
-    max_examples=40,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+BOUNDED = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SCALARS = st.one_of(
     st.integers(),
     st.floats(),

@@ -20,16 +20,7 @@ import pytest
 
 from oppload_cli import Dlgmd, open_video, stimulus
 from oppload_cli.errors import OutputError, StimulusError
-from oppload_cli.stimulus import (
-    Display,
-    Effects,
-    Growth,
-    Object,
-    Protocol,
-    Renderer,
-    Timing,
-    files,
-)
+from oppload_cli.stimulus import Display, Effects, Growth, Object, Protocol, Renderer, Timing, files
 from oppload_cli.stimulus.files import contact_sheet, sheet_frames, write_all
 from oppload_cli.video import writers
 from oppload_cli.video.writers import FORMATS

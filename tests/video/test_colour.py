@@ -23,8 +23,7 @@ VERMILLION = (0, 94, 213)  # blue, green, red
 
 
 @pytest.mark.parametrize(
-    ("width", "height", "weight"),
-    [(480, 720, 1.402), (1024, 576, 1.402), (1024, 580, 1.5748)],
+    ("width", "height", "weight"), [(480, 720, 1.402), (1024, 576, 1.402), (1024, 580, 1.5748)]
 )
 def test_large_pictures_that_state_no_colour_space_have_that_of_hd(
     width: int, height: int, weight: float

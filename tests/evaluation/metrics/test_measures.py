@@ -14,12 +14,7 @@ from oppload_cli.evaluation.metrics.intervals import (
     weighted_mean,
     weighted_median,
 )
-from oppload_cli.evaluation.metrics.measures import (
-    FRAME_CENTRE,
-    measured,
-    of_places,
-    places,
-)
+from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, measured, of_places, places
 from tests.evaluation.make import NAME, clip, peaks
 
 if TYPE_CHECKING:
