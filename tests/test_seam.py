@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import inspect
 import json
 import shutil
@@ -24,6 +23,7 @@ from oppload_cli.schema import Parameters, parameter
 from tests.annotation.records import facts
 from tests.cli.inside import run
 from tests.media import disk, write_video
+from tests.results.make import rows_of
 from tests.tuning.test_tuning import DISK
 
 if TYPE_CHECKING:
@@ -112,10 +112,6 @@ def result(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("result")
     done("run", clip, "-o", folder, "-q", "--model", "toy", "--height", "native", "--annotate")
     return folder
-
-
-def rows_of(path: Path) -> list[Row]:
-    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
 def rows(folder: Path) -> list[Row]:

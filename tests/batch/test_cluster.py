@@ -22,7 +22,7 @@ from oppload_cli.batch import tasks
 from oppload_cli.errors import ParameterError
 from oppload_cli.processes import threads
 from oppload_cli.version import __version__
-from tests.cli.process import oppload
+from tests.cli.process import oppload, start, wait_for_rows
 from tests.cli.test_batch import FAST, sidecars, tables
 from tests.cli.test_load import DETECTOR
 from tests.media import grey_frames, write_film, write_video
@@ -102,10 +102,7 @@ def test_a_worker_that_is_killed_costs_no_result(
     assert oppload(*named, alone).returncode == 4
     with ExitStack() as stack:
         workers = [stack.enter_context(worker(shared_scheduler, tmp_path)) for _ in range(2)]
-        words = [str(word) for word in (*named, out, "--scheduler", shared_scheduler)]
-        run = subprocess.Popen(
-            [sys.executable, "-m", "oppload_cli", *words], stderr=subprocess.PIPE, text=True
-        )
+        run = start(*named, out, "--scheduler", shared_scheduler)
         while run.poll() is None and len(list(out.glob("*.oppload.json"))) < 2:
             time.sleep(0.01)
         workers[0].kill()
@@ -181,12 +178,8 @@ def test_an_interrupt_stops_the_tasks_on_the_workers(tmp_path: Path) -> None:
     with ExitStack() as stack:
         file = stack.enter_context(scheduler(tmp_path))
         stack.enter_context(worker(file, tmp_path))
-        words = ["run", str(film), "-o", str(out), "--scheduler", str(file)]
-        run = subprocess.Popen(
-            [sys.executable, "-m", "oppload_cli", *words], stderr=subprocess.PIPE, text=True
-        )
-        while run.poll() is None and not (part.exists() and part.stat().st_size > 400):
-            time.sleep(0.01)
+        run = start("run", film, "-o", out, "--scheduler", file)
+        wait_for_rows(run, part)
         run.send_signal(signal.SIGINT)
         said = run.communicate(timeout=120)[1]
         rows = part.stat().st_size
@@ -204,18 +197,14 @@ def test_a_scheduler_that_ends_under_way(tmp_path: Path, how: str) -> None:
     film, out = tmp_path / "film.avi", tmp_path / "out"
     write_film(film)
     part, file = out / "film.frames.csv.part", tmp_path / "scheduler.json"
-    words = ["run", str(film), "-o", str(out), "--scheduler", str(file)]
     with (
         process("dask_scheduler", *LOOPBACK, "--port", "0", "--scheduler-file", file) as chief,
         worker(file, tmp_path),
     ):
         while not (file.exists() and file.stat().st_size):
             time.sleep(0.05)
-        run = subprocess.Popen(
-            [sys.executable, "-m", "oppload_cli", *words], stderr=subprocess.PIPE, text=True
-        )
-        while run.poll() is None and not (part.exists() and part.stat().st_size > 400):
-            time.sleep(0.01)
+        run = start("run", film, "-o", out, "--scheduler", file)
+        wait_for_rows(run, part)
         if how == "killed":
             chief.kill()
         else:  # a stopped scheduler keeps its connections and does not answer

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 from contextlib import contextmanager
 from dataclasses import replace
@@ -29,6 +28,7 @@ from oppload_cli.evaluation.detectors import chosen_detectors
 from oppload_cli.models import registry
 from tests.cli import inside
 from tests.media import grey_frames, write_video
+from tests.results.make import rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -227,7 +227,7 @@ def benchmark_in(folder: Path, *names: str) -> tuple[str | Path, ...]:
 def test_the_command_writes_tables_figures_and_a_page(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rows = list(csv.DictReader((made / "stimuli.csv").read_text().splitlines()))
+    rows = rows_of(made / "stimuli.csv")
     assert [(row["column"], row["detector"]) for row in rows] == [
         (column, name) for column in ("dark", "bright") for name in NAMES
     ]

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -43,6 +44,18 @@ def oppload(
     *arguments: str | Path, cwd: Path | None = None, **environment: str
 ) -> subprocess.CompletedProcess[str]:
     return python(ENTRY, *arguments, cwd=cwd, **environment)
+
+
+def start(*arguments: str | Path, code: str = ENTRY) -> subprocess.Popen[str]:
+    """Start the command, or other code, and do not wait until it ends."""
+    words = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for_rows(run: subprocess.Popen[str], part: Path) -> None:
+    """Wait until a command has written some rows to a part file, or has ended."""
+    while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
+        time.sleep(0.01)
 
 
 # Loads the libraries once, then forks a process for each command.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ import av
 import pytest
 
 from tests.cli.inside import oppload
+from tests.cli.process import start, wait_for_rows
 from tests.media import grey_frames, write_film, write_video
 
 if TYPE_CHECKING:
@@ -117,16 +117,8 @@ def test_an_interrupted_run_leaves_a_video_that_plays(tmp_path: Path) -> None:
     film = write_film(tmp_path / "film.avi", times=20)
     out = tmp_path / "out"
     part = out / "film.frames.csv.part"
-    with subprocess.Popen(
-        [
-            *(sys.executable, "-m", "oppload_cli", "run", str(film), "-o", str(out)),
-            *("--annotate", *FAST),
-        ],
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as run:
-        while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
-            time.sleep(0.01)
+    with start("run", film, "-o", out, "--annotate", *FAST) as run:
+        wait_for_rows(run, part)
         time.sleep(0.2)
         run.send_signal(signal.SIGINT)
         said = run.communicate(timeout=120)[1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,7 @@ from oppload_cli.models.registry import alarm_floor_of, detector_named
 from oppload_cli.palette import bgr
 from oppload_cli.video.source import open_video
 from tests.cli.inside import run
+from tests.results.make import rows_of
 from tests.tuning.test_tuning import DISK
 
 if TYPE_CHECKING:
@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 
 Capture = pytest.CaptureFixture[str]
 NAMES = ("frame_difference", "flow_divergence")
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(path.read_text().splitlines()))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import shlex
@@ -23,6 +22,7 @@ from oppload_cli.results.alarms import verdicts_in
 from tests.cli import process
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_film, write_video
+from tests.results.make import rows_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,8 +53,7 @@ def one_by_one(clips: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def failed(folder: Path) -> list[dict[str, str]]:
-    text = (folder / "failures.csv").read_text(encoding="utf-8")
-    return list(csv.DictReader(text.splitlines()))
+    return rows_of(folder / "failures.csv")
 
 
 def written(folder: Path) -> dict[str, int]:
@@ -356,13 +355,13 @@ def test_a_batch_says_who_alarmed_and_lists_the_alarms(clips: Path, tmp_path: Pa
     words = ("run", *two, "-o", tmp_path, "-j", "1", *FAST, *floor, "--set", "alarm.factor=0.5")
     done = oppload(*words)
     assert done.returncode == 0, done.stderr
-    rows = list(csv.DictReader((tmp_path / "alarms.csv").read_text().splitlines()))
+    rows = rows_of(tmp_path / "alarms.csv")
     alarmed = {row["video"] for row in rows}
     assert f"{len(alarmed)} of 2 inputs had an alarm" in done.stderr
     assert {row["model"] for row in rows} <= {"dlgmd"}
     kept = oppload(*words, "--if-exists", "skip")
     assert f"{len(alarmed)} of 2 inputs had an alarm" in kept.stderr
-    assert list(csv.DictReader((tmp_path / "alarms.csv").read_text().splitlines())) == rows
+    assert rows_of(tmp_path / "alarms.csv") == rows
 
 
 def test_the_table_marks_peaks_that_did_not_count() -> None:

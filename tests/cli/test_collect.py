@@ -1,8 +1,6 @@
 from __future__ import annotations
 
-import csv
 import gc
-import io
 import json
 import shutil
 import sys
@@ -11,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.cli.inside import oppload
+from tests.results.make import rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,14 +26,10 @@ def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def rows(path: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"), newline="")))
-
-
 def test_a_row_per_input_and_model(results: Path, clip: Path, tmp_path: Path) -> None:
     done = oppload("collect", results, "-o", tmp_path / "all.csv")
     assert (done.returncode, done.stdout) == (0, "")
-    table = rows(tmp_path / "all.csv")
+    table = rows_of(tmp_path / "all.csv")
     assert [(row["model"], row["analysed"]) for row in table] == [
         *(("opplod", "24"), ("dlgmd", "24"), ("dlgmd", "10"))
     ]
@@ -53,7 +48,7 @@ def test_results_of_one_name_are_told_apart_by_their_folders(results: Path, tmp_
     for words in ((), ("--frames",)):
         target = tmp_path / f"{len(words)}.csv"
         assert oppload("collect", results, "-o", target, *words).returncode == 0
-        assert {row["result"] for row in rows(target)} == {"loom", "deep/loom"}
+        assert {row["result"] for row in rows_of(target)} == {"loom", "deep/loom"}
 
 
 def test_what_was_collected_is_counted(results: Path, tmp_path: Path) -> None:
@@ -69,9 +64,9 @@ def test_what_was_collected_is_counted(results: Path, tmp_path: Path) -> None:
 
 def test_all_frames_in_one_table(results: Path, tmp_path: Path) -> None:
     assert oppload("collect", results, "-o", tmp_path / "f.csv", "--frames").returncode == 0
-    table = rows(tmp_path / "f.csv")
+    table = rows_of(tmp_path / "f.csv")
     assert len(table) == 34
-    for row, own in zip(table[:24], rows(results / "loom.frames.csv"), strict=True):
+    for row, own in zip(table[:24], rows_of(results / "loom.frames.csv"), strict=True):
         assert {**row, **own} == row
     assert table[30]["opplod_response"] == table[30]["rmo_index"] == ""
     assert table[30]["dlgmd_response"] != ""
@@ -85,7 +80,7 @@ def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
         for suffix in ("csv", "parquet"):
             target = tmp_path / f"{name}.{suffix}"
             assert oppload("collect", results, "-o", target, *words).returncode == 0
-        text = rows(tmp_path / f"{name}.csv")
+        text = rows_of(tmp_path / f"{name}.csv")
         table = parquet.read_table(tmp_path / f"{name}.parquet").to_pylist()
         assert len(table) == len(text)
         for typed, written in zip(table, text, strict=True):
@@ -120,7 +115,7 @@ def test_a_bad_sidecar_is_named_and_spares_the_others(results: Path, tmp_path: P
         assert f"{folder / name}.oppload.json: " in done.stderr
     assert "alone.frames.csv: has no sidecar" in done.stderr
     assert done.stderr.count("\n") == len(bad) + 3
-    assert len(rows(tmp_path / "all.csv")) == 3
+    assert len(rows_of(tmp_path / "all.csv")) == 3
 
 
 def test_frames_of_a_detector_that_is_not_loaded(results: Path, tmp_path: Path) -> None:
@@ -235,6 +230,6 @@ def test_ten_thousand_sidecars(results: Path, tmp_path: Path) -> None:
     for number in range(10_000):
         (tmp_path / f"clip{number:05d}.oppload.json").write_text(text)
     assert oppload("collect", tmp_path, "-o", tmp_path / "all.csv").returncode == 0
-    table = rows(tmp_path / "all.csv")
+    table = rows_of(tmp_path / "all.csv")
     assert len(table) == 20_000
     assert table[-1]["result"] == "clip09999"

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import csv
 import json
 import re
 from typing import TYPE_CHECKING
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.cli.inside import Done, oppload, run
+from tests.results.make import rows_of
 from tests.tuning.test_tuning import DISK
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
     assert (done.returncode, faint(done)) == (0, ["D-LGMD"])
     assert done.stdout.split() == [str(out / name) for name in names]
     assert sorted(path.name for path in out.iterdir()) == names
-    rows = list(csv.DictReader((out / names[0]).read_text().splitlines()))
+    rows = rows_of(out / names[0])
     assert len(rows) == 6
     assert list(rows[0])[:4] == ["stimulus", "disk.growth.speed_deg_s", "model", "peak"]
     content = json.loads((out / names[1]).read_text())

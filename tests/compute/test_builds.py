@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +12,7 @@ from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import Outputs, Task
 from tests.media import disk, texture, write_video
+from tests.results.make import rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,8 +46,7 @@ def tables(
         monkeypatch.setattr(loops, "portable", name == "portable")
         table = tmp_path / f"{name}.csv"
         run_task(Task(str(video), resolve(height="96"), Outputs(table, table.with_suffix(".json"))))
-        with table.open(newline="") as file:
-            rows[name] = list(csv.DictReader(file))
+        rows[name] = rows_of(table)
     return rows
 
 

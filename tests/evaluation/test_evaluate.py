@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import base64
-import csv
 import json
 import math
 import shutil
@@ -20,6 +19,7 @@ from tests.cli import inside
 from tests.cli.inside import run
 from tests.cli.process import oppload
 from tests.evaluation.conftest import CONTACT, ONSET
+from tests.results.make import rows_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -82,10 +82,6 @@ def test_a_rate_that_is_not_determined_is_a_dash() -> None:
     _, _, shipped, _, chosen, *_ = printed_table(told)
     assert shipped.split() == ["D-LGMD", "2", "of", "4", "(0.1", "to", "0.9)", NO_VALUE, NO_VALUE]
     assert chosen.split() == ["D-LGMD", NO_VALUE, NO_VALUE, NO_VALUE]
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
 def figures_of(folder: Path) -> dict[tuple[str, str, str], dict[str, str]]:

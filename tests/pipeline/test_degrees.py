@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -21,6 +20,7 @@ from oppload_cli.stimulus.files import write
 from oppload_cli.video.frames import WorkingSize
 from oppload_cli.video.optics import Optics
 from tests.media import grey_frames
+from tests.results.make import rows_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,9 +35,7 @@ def done(video: Path, folder: Path, **settings: Any) -> tuple[list[dict[str, str
     outputs = Outputs.of(folder, video.stem, resolved.models)
     folder.mkdir()
     run_task(Task(str(video), resolved, outputs))
-    with outputs.csv.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return rows, json.loads((folder / f"{video.stem}.oppload.json").read_text())
+    return rows_of(outputs.csv), json.loads((folder / f"{video.stem}.oppload.json").read_text())
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,11 @@ HEADER = (
     "rmo_max,rmo_index"
 )
 COLUMNS = HEADER.split(",")
+
+
+def rows_of(table: Path) -> list[dict[str, str]]:
+    with table.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def frame_rows(frames: int = 40, peak: int = 30) -> list[dict[str, str]]:

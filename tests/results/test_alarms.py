@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ from oppload_cli.models.detector import Box, Response
 from oppload_cli.results import alarms
 from oppload_cli.results.alarms import AlarmLog, Verdict, in_words, times, verdicts_in, write_alarms
 from oppload_cli.results.table import FrameRecord
+from tests.results.make import rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -170,7 +170,7 @@ def test_they_come_back_from_a_sidecar_and_a_second_batch_adds_rows(tmp_path: Pa
     path.write_text(path.read_text(), encoding="utf-8-sig")  # as spreadsheets save it
     write_alarms(path, {"c.mp4": [found], "a.mp4": [found]})
     write_alarms(path, {"c.mp4": []})
-    rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    rows = rows_of(path)
     assert [row["video"] for row in rows] == ["a.mp4", "b.mp4"]
     assert rows[0] == {
         "video": "a.mp4", "model": "opplod", "start_frame": "1", "start_s": "0.1",
@@ -198,5 +198,5 @@ def test_a_second_batch_replaces_rows_of_a_name_that_no_text_can_hold(tmp_path: 
     path = tmp_path / "alarms.csv"
     for _ in range(2):
         write_alarms(path, {"a\udcff\n.mp4": [verdict([0, 3, 0], on=[1])]})
-    rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    rows = rows_of(path)
     assert [row["video"] for row in rows] == [r"a\udcff\n.mp4"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import shutil
@@ -18,6 +17,7 @@ from oppload_cli.errors import SourceError
 from oppload_cli.video.source import open_video
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
+from tests.results.make import rows_of
 from tests.robustness.inputs import KINDS, Kind, frame_of, level, make, shown
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ def test_the_command_on_unusual_inputs(tmp_path: Path, name: str) -> None:
     path = make(tmp_path / f"a.{kind.suffix}", kind)
     done = oppload("run", path, "-o", tmp_path)
     assert done.returncode == 0, done.stderr
-    rows = list(csv.DictReader((tmp_path / "a.frames.csv").read_text().splitlines()))
+    rows = rows_of(tmp_path / "a.frames.csv")
     assert len(rows) == kind.frames
     sidecar = json.loads((tmp_path / "a.oppload.json").read_text())
     assert sidecar["decode"]["complete"] is True

@@ -19,7 +19,7 @@ import pytest
 from oppload_cli.errors import OpploadError, ResultError
 from oppload_cli.results.reading import read_result
 from tests.cli.inside import oppload
-from tests.cli.process import ENTRY
+from tests.cli.process import ENTRY, start, wait_for_rows
 from tests.media import grey_frames, write_film, write_video
 from tools.attack.judge import adopt_orphans, faults, prepared
 
@@ -48,11 +48,7 @@ def table(film: Path) -> bytes:
 
 @contextmanager
 def started(name: str | Path, folder: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
-    with subprocess.Popen(
-        [sys.executable, "-c", ENTRY, "run", str(name), "-o", str(folder), *SIZE, *more],
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as run:
+    with start("run", name, "-o", folder, *SIZE, *more) as run:
         try:
             yield run
         finally:
@@ -62,8 +58,7 @@ def started(name: str | Path, folder: Path, *more: str) -> Iterator[subprocess.P
 def rows_written(folder: Path, run: subprocess.Popen[str]) -> Path:
     """Wait until some rows are on the disk."""
     part = folder / "film.frames.csv.part"
-    while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
-        time.sleep(0.01)
+    wait_for_rows(run, part)
     assert run.poll() is None, run.communicate()[1]
     return part
 
@@ -123,12 +118,8 @@ def test_a_camera_ends_with_finished_files_where_it_is_stopped(
     tmp_path: Path, more: tuple[str, ...]
 ) -> None:
     words = ("run", "camera:0", "-o", str(tmp_path), "-q", "--height", "48", *more)
-    with subprocess.Popen(
-        [sys.executable, "-c", f"{CAMERA}\n{ENTRY}", *words], stderr=subprocess.PIPE, text=True
-    ) as run:
-        part = tmp_path / "camera-0.frames.csv.part"
-        while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
-            time.sleep(0.01)
+    with start(*words, code=f"{CAMERA}\n{ENTRY}") as run:
+        wait_for_rows(run, tmp_path / "camera-0.frames.csv.part")
         run.send_signal(signal.SIGINT)
         said = run.communicate(timeout=HANG_S)[1]
     table = tmp_path / "camera-0.frames.csv"

@@ -25,6 +25,7 @@ from oppload_cli.tuning.run import (
     write_tuning_sidecar,
 )
 from oppload_cli.tuning.sweeps import sweeps
+from tests.results.make import rows_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -177,7 +178,7 @@ def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
     entry = swept(str(disk(tmp_path).path), ["position=[[0, 0], [4, -2]]"])
     settings = resolve(preset="reference", height="native", models=["opplod"])
     write_tuning(tmp_path / "a.csv", tune(entry, settings))
-    rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
+    rows = rows_of(tmp_path / "a.csv")
     places = [(row["disk.centre_deg.right"], row["disk.centre_deg.up"]) for row in rows]
     assert places == [("0", "0"), ("4", "-2")]
     moved = [float(rows[1][key]) - float(rows[0][key]) for key in ("centre_x", "centre_y")]

@@ -7,7 +7,6 @@ import json
 import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -26,7 +25,7 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.video import opening
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.opening import Opening
-from tests.cli.process import ENTRY, in_turn, python
+from tests.cli.process import in_turn, python, start, wait_for_rows
 from tests.media import grey_frames, write_film, write_video
 from tests.robustness.inputs import KINDS, make
 from tests.video.test_container import MATRICES, turned
@@ -285,14 +284,9 @@ def test_the_height_is_known_before_the_settings_are_resolved(film: Path, tmp_pa
 )
 @pytest.mark.parametrize("name", [pytest.param("SIGSEGV", marks=pytest.mark.slow), "SIGKILL"])
 def test_a_run_whose_decoder_ends(film: Path, tmp_path: Path, name: str) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", ENTRY, "run", str(film), "-o", str(tmp_path), "--height", "24"],
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as run:
+    with start("run", film, "-o", tmp_path, "--height", "24") as run:
         part = tmp_path / "film.frames.csv.part"
-        while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
-            time.sleep(0.01)
+        wait_for_rows(run, part)
         (decoder,) = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()
         os.kill(int(decoder), getattr(signal, name))
         said = run.communicate(timeout=120)[1]
