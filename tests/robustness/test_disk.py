@@ -426,17 +426,3 @@ def test_a_closed_standard_output(clip: Path) -> None:
     assert done.returncode == 2
     assert "standard output: " in done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_a_part_file_is_written_by_one_at_a_time(tmp_path: Path) -> None:
-    first = PartFile(tmp_path / "a.csv")
-    first.stream.write("one\n")
-    first.stream.flush()
-    with pytest.raises(OutputError, match="another run is writing it"):
-        PartFile(tmp_path / "a.csv")
-    assert first.part.read_text() == "one\n"
-    first.commit()
-    assert (tmp_path / "a.csv").read_text() == "one\n"
-    second = PartFile(tmp_path / "a.csv")
-    second.discard()
-    assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
