@@ -46,19 +46,24 @@ def test_a_dark_rim_stands_around() -> None:
 
 
 @pytest.mark.parametrize(
-    "box",
+    ("box", "columns", "rows"),
     [
-        (-50, -50, 100, 100),
-        (400, 220, 100, 100),
-        (0, 0, 432, 240),
-        (10, 10, 0.2, 0.2),
-        (-300, -300, 100, 100),
-        (500, 300, 10, 10),
+        ((-50, -50, 100, 100), (0, 99), (0, 99)),
+        ((400, 220, 100, 100), (800, 863), (426, 479)),  # from the label on
+        ((0, 0, 432, 240), (0, 863), (0, 479)),
+        ((10, 10, 0.2, 0.2), (11, 42), (11, 37)),  # the label
     ],
 )
-def test_boxes_over_the_edge_are_cut(box: tuple[float, float, float, float]) -> None:
-    canvas = drawn(box)
-    assert canvas.shape == (630, 864, 3)
+def test_boxes_over_the_edge_are_cut(
+    box: tuple[float, float, float, float], columns: tuple[int, int], rows: tuple[int, int]
+) -> None:
+    y, x = painted(drawn(box), PAINT).nonzero()
+    assert ((x.min(), x.max()), (y.min(), y.max())) == (columns, rows)
+
+
+@pytest.mark.parametrize("box", [(-300, -300, 100, 100), (500, 300, 10, 10)])
+def test_of_a_box_outside_no_line_is_drawn(box: tuple[float, float, float, float]) -> None:
+    assert painted(drawn(box), PAINT).sum() < 30  # pixels, of its label
 
 
 def test_the_first_is_drawn_over_the_others() -> None:

@@ -18,6 +18,21 @@ def flow_of(along_x: float, along_y: float, turn: float = 0.0, shift: float = 0.
     return np.stack([along_x * x - turn * y + shift, along_y * y + turn * x], axis=-1)
 
 
+def enlarged(picture: np.ndarray) -> np.ndarray:
+    """Return a picture that has grown by 4 % about its middle."""
+    height, width = picture.shape
+    turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 0, 1.04)
+    return cv2.warpAffine(picture, turn, (width, height), flags=1).astype(np.float32)
+
+
+def response(before: np.ndarray, now: np.ndarray, **params: float) -> float:
+    detector = FlowDivergence(before.shape, FlowDivergenceParams(**params))
+    assert detector.step(before) is None
+    answer = detector.step(now)
+    assert answer is not None
+    return answer.response
+
+
 @pytest.mark.parametrize(
     ("flow", "expected"),
     [
@@ -43,49 +58,23 @@ def test_the_window_that_expands_most_is_taken() -> None:
 
 def test_a_growing_texture_diverges_and_a_moving_one_does_not() -> None:
     still = texture(120, 160, 1)
-    centre = (79.5, 59.5)
-    grown = cv2.warpAffine(
-        still, cv2.getRotationMatrix2D(centre, 0, 1.04), (160, 120), flags=1
-    ).astype(np.float32)
-    moved = np.roll(still, 2, axis=1)
-    found = {}
-    for name, frame in {"grown": grown, "moved": moved, "still": still}.items():
-        detector = FlowDivergence((120, 160))
-        assert detector.step(still) is None
-        answer = detector.step(frame)
-        assert answer is not None
-        found[name] = answer.response
-    assert found["grown"] == pytest.approx(0.08, rel=0.25)
-    assert found["moved"] < 0.02
-    assert found["still"] == 0
+    assert response(still, enlarged(still)) == pytest.approx(0.08, rel=0.25)
+    assert response(still, np.roll(still, 2, axis=1)) < 0.02
+    assert response(still, still) == 0
 
 
 def test_low_and_wide_frames_are_measured_too() -> None:
     # With OpenCV's own scales this frame, lower than 32 px, ends the process.
     still = texture(31, 160, 1)
-    turn = cv2.getRotationMatrix2D((79.5, 15), 0, 1.04)
-    grown = cv2.warpAffine(still, turn, (160, 31), flags=1).astype(np.float32)
-    detector = FlowDivergence((31, 160))
-    assert detector.step(still) is None
-    answer = detector.step(grown)
-    assert answer is not None
-    assert answer.response == pytest.approx(0.08, rel=0.5)
+    assert response(still, enlarged(still)) == pytest.approx(0.08, rel=0.5)
 
 
 def test_the_window_is_a_share_of_the_height() -> None:
     still = texture(120, 160, 1)
-    centre = (79.5, 59.5)
-    grown = cv2.warpAffine(
-        still, cv2.getRotationMatrix2D(centre, 0, 1.04), (160, 120), flags=1
-    ).astype(np.float32)
-    responses = []
-    for window in (0.1, 5 / 12, 1.0):
-        detector = FlowDivergence((120, 160), FlowDivergenceParams(window=window))
-        detector.step(still)
-        answer = detector.step(grown)
-        assert answer is not None
-        responses.append(answer.response)
-    assert responses[0] > responses[1] > responses[2] > 0
+    small, default, whole = (
+        response(still, enlarged(still), window=window) for window in (0.1, 5 / 12, 1.0)
+    )
+    assert small > default > whole > 0
 
 
 def test_reset_starts_over() -> None:

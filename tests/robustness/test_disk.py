@@ -116,6 +116,14 @@ WRITERS = {
 }
 
 
+@pytest.fixture(params=list(WRITERS.values()), ids=list(WRITERS))
+def command(request: pytest.FixtureRequest) -> tuple[str, ...]:
+    words: tuple[str, ...] = request.param
+    if "{place}/all.parquet" in words:
+        pytest.importorskip("pyarrow", reason="NOT TESTED: pip install 'oppload[parquet]'")
+    return words
+
+
 @pytest.fixture(scope="module")
 def words(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The files that the commands of `WRITERS` read, by their names there."""
@@ -137,15 +145,12 @@ def one_sentence(done: Done, sentence: str) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("command", WRITERS.values(), ids=WRITERS)
 def test_every_command_says_in_one_sentence_that_it_cannot_write(
     command: tuple[str, ...],
     words: dict[str, Path],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    if "{place}/all.parquet" in command:
-        pytest.importorskip("pyarrow", reason="NOT TESTED: pip install 'oppload[parquet]'")
     (tmp_path / "file").write_text("in the way")
     places = {
         tmp_path / "file": "not a directory",
@@ -170,15 +175,12 @@ def read_only(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("command", WRITERS.values(), ids=WRITERS)
 def test_every_command_on_a_read_only_disk(
     command: tuple[str, ...],
     words: dict[str, Path],
     read_only: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    if "{place}/all.parquet" in command:
-        pytest.importorskip("pyarrow", reason="NOT TESTED: pip install 'oppload[parquet]'")
     named = [word.format(place=read_only, **words) for word in command]
     if command[1] != "{clip}" or command[2] == "-o":
         one_sentence(run(capsys, *named), ": cannot be written (read-only file system)")
