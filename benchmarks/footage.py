@@ -1,7 +1,7 @@
 """Measure how the size of a video and repeats of its pictures change responses.
 
     python -m benchmarks.footage sizes VIDEO ... [--frames N]
-    python -m benchmarks.footage repeats VIDEO ... [--frames N]
+    python -m benchmarks.footage repeats VIDEO ... [--frames N] [--starts N]
     python -m benchmarks.footage shares VIDEO ... [--frames N]
 
 The program encodes each video in several ways (H.264) and analyses every file as ``oppload run``
@@ -11,9 +11,10 @@ files with repeats with a file that shows every picture once at its own rate. Th
 show every picture twice at twice the rate, or every second picture at 12 pictures/s in 30 frames/s.
 In the column *told* the detectors analyse the same file, but are told which frames are repeats and
 when each picture was taken. So a deviation of *told* from 1 is due to the recognition of repeats;
-the rest of the deviation in the column *peak* is due to the encoder. `shares` counts, in the same
-files, the repeats that are missed and the new pictures that are taken for repeats, for several
-values of ``repeats.share``.
+the rest of the deviation in the column *peak* is due to the encoder. With `--starts 8` each video
+is measured without its first 0, 1 ... 7 pictures; each ratio is then a geometric mean, with the
+smallest and the largest. `shares` counts, in the same files, the repeats that are missed and the
+new pictures that are taken for repeats, for several values of ``repeats.share``.
 """
 
 from __future__ import annotations
@@ -268,12 +269,40 @@ def print_shares(videos: Sequence[Path], count: int) -> None:
         print(f"| {how} | {repeats.split(',')[0]} | {missed} | {taken} |")
 
 
+def _pairs(what: str, path: Path, frames: slice, folder: Path) -> Iterator[Pair]:
+    if what == "sizes":
+        return sizes(path, frames.stop, folder)
+    shown = list(planes(path, frames.stop))[frames.start :]
+    return repeated(shown, _rate_of(path), folder)
+
+
+def _compared_rows(what: str, path: Path, frames: slice) -> Iterator[tuple[str, str, list[float]]]:
+    """Yield coding, detector and figures: peak, told, alarms in seconds, pictures per second."""
+    with TemporaryDirectory() as name:
+        answers_to = cache(lambda path: answers(path)[0])
+        for pair in _pairs(what, path, frames, Path(name)):
+            found, repeats = answers(pair.here)
+            told = answers(pair.here, told=pair)[0] if pair.pictures else {}
+            pictures = repeats.pictures_per_s(float(_rate_of(pair.here)))
+            for detector, answer in found.items():
+                peak, alarms_s = compared(answer, answers_to(pair.there)[detector])
+                of_told = compared(answer, told[detector])[0] if told else np.nan
+                yield pair.how, detector, [peak, of_told, alarms_s, pictures or np.nan]
+
+
+def _peaks(ratios: NDArray[np.float64]) -> str:
+    """Return the geometric mean of ratios; of several also the smallest and the largest."""
+    mean = f"{np.exp(np.log(ratios).mean()):.2f}"
+    return mean if len(ratios) == 1 else f"{mean} ({ratios.min():.2f} to {ratios.max():.2f})"
+
+
 def main() -> None:
     """Print a row for each video, encoding and detector."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=("sizes", "repeats", "shares"))
     parser.add_argument("videos", nargs="+", type=Path)
     parser.add_argument("--frames", type=int, default=10**6)
+    parser.add_argument("--starts", type=int, default=1)
     arguments = parser.parse_args()
     if arguments.what == "shares":
         print_shares(arguments.videos, arguments.frames)
@@ -281,25 +310,19 @@ def main() -> None:
     print("| video | coding | detector | peak | told | alarms (s) | pictures/s |")
     print("|---|---|---|---|---|---|---|")
     for path in arguments.videos:
-        with TemporaryDirectory() as name:
-            if arguments.what == "sizes":
-                pairs = sizes(path, arguments.frames, Path(name))
-            else:
-                shown = list(planes(path, arguments.frames))
-                pairs = repeated(shown, _rate_of(path), Path(name))
-            answers_to = cache(lambda path: answers(path)[0])
-            for pair in pairs:
-                found, repeats = answers(pair.here)
-                told = answers(pair.here, told=pair)[0] if pair.pictures else {}
-                pictures = repeats.pictures_per_s(float(_rate_of(pair.here)))
-                for detector, answer in found.items():
-                    peak, alarms = compared(answer, answers_to(pair.there)[detector])
-                    of_told = compared(answer, told[detector])[0] if told else float("nan")
-                    print(
-                        f"| {path.stem} | {pair.how} | {detector} | {peak:.2f} | {of_told:.2f} | "
-                        f"{alarms:+.3f} | {pictures or float('nan'):.3g} |",
-                        flush=True,
-                    )
+        rows: dict[tuple[str, str], list[list[float]]] = {}
+        for start in range(arguments.starts):
+            frames = slice(start, arguments.frames)
+            for how, detector, figures in _compared_rows(arguments.what, path, frames):
+                rows.setdefault((how, detector), []).append(figures)
+        for (how, detector), of_starts in rows.items():
+            peaks, told, alarms_s, pictures = np.array(of_starts).T
+            alarms = ", ".join(f"{each:+.3f}" for each in alarms_s)
+            print(
+                f"| {path.stem} | {how} | {detector} | {_peaks(peaks)} | {_peaks(told)} | "
+                f"{alarms} | {np.median(pictures):.3g} |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
