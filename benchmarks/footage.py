@@ -1,6 +1,6 @@
 """Measure how the size of a video and repeats of its pictures change responses.
 
-    python -m benchmarks.footage sizes VIDEO ... [--frames N]
+    python -m benchmarks.footage sizes VIDEO ... [--frames N] [--starts N]
     python -m benchmarks.footage repeats VIDEO ... [--frames N] [--starts N]
     python -m benchmarks.footage shares VIDEO ... [--frames N]
 
@@ -179,13 +179,13 @@ def generated(height: int, frames: int, noise: float = 0.0) -> Iterator[NDArray[
         yield np.clip(np.rint(255 * (shown + grain)), 0, 255).astype(np.uint8)
 
 
-def planes(path: Path, count: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield the first pictures of a video in grey."""
+def planes(path: Path, count: int, start: int = 0) -> Iterator[NDArray[np.uint8]]:
+    """Yield the first `count` pictures of a video in grey, without the first `start` of them."""
     if path == GENERATED:
-        yield from islice(generated(GENERATED_ROWS, 60, 0.004), count)
+        yield from islice(generated(GENERATED_ROWS, 60, 0.004), start, count)
         return
     with av.open(str(path)) as container:
-        for picture in islice(container.decode(video=0), count):
+        for picture in islice(container.decode(video=0), start, count):
             yield np.asarray(picture.to_ndarray(format="gray"), np.uint8)
 
 
@@ -210,13 +210,13 @@ def compared(here: Answer, there: Answer) -> tuple[float, float]:
     return ratio, float(largest)
 
 
-def sizes(path: Path, count: int, folder: Path) -> Iterator[Pair]:
+def sizes(path: Path, count: int, folder: Path, start: int = 0) -> Iterator[Pair]:
     """Yield pairs of files of the same pictures, of which the second has `AGAINST` rows."""
     for crf in (LOSSLESS, SIZES_CRF):
         files = {}
         for height in HEIGHTS:
             new = folder / f"{height}-{crf}.mp4"
-            files[height] = coded(new, planes(path, count), _rate_of(path), crf, height)
+            files[height] = coded(new, planes(path, count, start), _rate_of(path), crf, height)
         for height in HEIGHTS:
             how = f"CRF {crf}" if crf else "lossless"
             yield Pair(f"{height} rows, {how}", files[height], files[AGAINST])
@@ -269,18 +269,17 @@ def print_shares(videos: Sequence[Path], count: int) -> None:
         print(f"| {how} | {repeats.split(',')[0]} | {missed} | {taken} |")
 
 
-def _pairs(what: str, path: Path, frames: slice, folder: Path) -> Iterator[Pair]:
-    if what == "sizes":
-        return sizes(path, frames.stop, folder)
-    shown = list(planes(path, frames.stop))[frames.start :]
-    return repeated(shown, _rate_of(path), folder)
-
-
-def _compared_rows(what: str, path: Path, frames: slice) -> Iterator[tuple[str, str, list[float]]]:
+def _compared_rows(
+    what: str, path: Path, count: int, start: int
+) -> Iterator[tuple[str, str, list[float]]]:
     """Yield coding, detector and figures: peak, told, alarms in seconds, pictures per second."""
     with TemporaryDirectory() as name:
         answers_to = cache(lambda path: answers(path)[0])
-        for pair in _pairs(what, path, frames, Path(name)):
+        if what == "sizes":
+            pairs = sizes(path, count, Path(name), start)
+        else:
+            pairs = repeated(list(planes(path, count, start)), _rate_of(path), Path(name))
+        for pair in pairs:
             found, repeats = answers(pair.here)
             told = answers(pair.here, told=pair)[0] if pair.pictures else {}
             pictures = repeats.pictures_per_s(float(_rate_of(pair.here)))
@@ -312,8 +311,8 @@ def main() -> None:
     for path in arguments.videos:
         rows: dict[tuple[str, str], list[list[float]]] = {}
         for start in range(arguments.starts):
-            frames = slice(start, arguments.frames)
-            for how, detector, figures in _compared_rows(arguments.what, path, frames):
+            compared_rows = _compared_rows(arguments.what, path, arguments.frames, start)
+            for how, detector, figures in compared_rows:
                 rows.setdefault((how, detector), []).append(figures)
         for (how, detector), of_starts in rows.items():
             peaks, told, alarms_s, pictures = np.array(of_starts).T
