@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
 
 
+_FEW_DROPPED = 0.05  # a larger share of dropped frames gives a remark
 _CONTRADICTION = 0.01  # a larger relative difference of --fov from the ground truth gives a remark
 _threads_lock = threading.Lock()
 _before: list[int] = []  # for each run at this time, OpenCV's number of threads before all of them
@@ -322,6 +323,13 @@ class _Run:
         facts = self.video.facts
         remarks = self.video.times.remarks()
         remarks += self._remarks_on_rate()
+        decode = self.video.decode
+        if decode.dropped > _FEW_DROPPED * decode.decoded:
+            remarks.append(
+                f"{decode.dropped} of {decode.decoded} frames were dropped, because they came "
+                "faster than they were analysed; choose fewer models, --no-rmo, or a camera with "
+                "fewer frames per second"
+            )
         if facts.video_streams > 1:
             remarks.append(
                 f"holds {facts.video_streams} video streams, of which the first is analysed; copy "
@@ -412,6 +420,7 @@ class _Run:
                 "failures": decode.failures,
                 "corrupt": decode.corrupt,
                 "missing": decode.missing,
+                "dropped": decode.dropped,
                 "repeats": self._repeats.exact,
                 "near_repeats": self._repeats.near,
                 "pictures_per_s": self._repeats.pictures_per_s(self._rate),

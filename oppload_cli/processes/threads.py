@@ -11,6 +11,7 @@ import math
 import queue
 import threading
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from weakref import WeakSet
 
@@ -50,11 +51,18 @@ class Prefetch(Generic[Item]):
     The caller gets an error of the thread after the items before the error. A signal raises
     KeyboardInterrupt in the caller.
 
-    `ahead` is the number of items that may wait for the caller, at least 1.
+    `ahead` is the number of items that may wait for the caller, at least 1. If so many wait, the
+    thread makes no further item. But with `on_drop` it goes on, drops the oldest waiting item, and
+    calls this function.
     """
 
-    def __init__(self, items: Iterator[Item], ahead: int = 4) -> None:
-        self._items = items
+    def __init__(
+        self,
+        items: Iterator[Item],
+        ahead: int = 4,
+        on_drop: Callable[[], object] | None = None,
+    ) -> None:
+        self._items, self._ahead, self._on_drop = items, ahead, on_drop
         self._made: queue.SimpleQueue[Item | _End] = queue.SimpleQueue()
         self._free_places: queue.SimpleQueue[None] = queue.SimpleQueue()
         for _ in range(ahead):
@@ -104,11 +112,16 @@ class Prefetch(Generic[Item]):
     def _run(self) -> None:
         end: BaseException = StopIteration()
         try:
-            for item in self._items:
-                self._free_places.get()
+            while True:
+                if not self._on_drop:
+                    self._free_places.get()
                 if self._stop.is_set():
                     break
-                self._made.put(item)
+                self._made.put(next(self._items))
+                if self._on_drop and self._made.qsize() > self._ahead:
+                    with suppress(queue.Empty):  # the caller may have taken the items meanwhile
+                        self._made.get_nowait()
+                        self._on_drop()
         except BaseException as error:
             end = error
         self._made.put(_End(end))

@@ -56,6 +56,8 @@ if TYPE_CHECKING:
 
 Value = TypeVar("Value")
 _LIVE = "mpjpeg"  # images that a network camera sends one by one over HTTP, without times
+# Addresses of these kinds send pictures at their own pace, whether or not they are read.
+_REAL_TIME = ("rtsp:", "rtsps:", "rtp:", "srt:", "udp:", "rtmp:", "rtmps:")
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 _MOST_DEMUX_ERRORS = 100  # most errors without a packet between them
 # These decoders conceal damage without an error: VP8 with frame threads, because it predicts
@@ -466,6 +468,7 @@ class ContainerSource:
             bytes=None if self._remote else self._container.size,
             rate_assumed=is_rate_assumed(stream) and not self._is_live,
             video_streams=len(video_streams(self._container)),
+            real_time=self._is_live or self.name.lower().startswith(_REAL_TIME),
         )
 
 

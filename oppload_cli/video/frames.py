@@ -122,6 +122,8 @@ class InputFacts:
     bytes: int | None = None  # size of the file or files
     rate_assumed: bool = False  # as for images, or a raw stream, if nobody states a rate
     video_streams: int = 1  # videos in a container, without cover pictures; the first one is read
+    # Whether pictures come at their own pace, so that a slow reader has to drop some of them.
+    real_time: bool = False
 
     @property
     def live(self) -> bool:
@@ -150,6 +152,7 @@ class DecodeFacts:
     failures: int = 0  # such as packets that the decoder refused
     corrupt: int = 0  # frames that the decoder marked as damaged
     missing: int = 0  # declared frames that never came, as far as it is known
+    dropped: int = 0  # frames of an input in real time that waited too long to be analysed
     messages: list[str] = field(default_factory=list)  # reasons of the first five faults
     threads: int = 1  # of the decoder
     own_process: bool = False  # whether a separate process decoded
@@ -306,6 +309,9 @@ class PictureSource(Protocol):
 
 
 _LEAST_AHEAD, _MOST_AHEAD = 2, 16  # frames that may wait for the next thread
+# Frames of an input in real time that may wait for the detectors. Networks deliver several frames
+# at once: fewer would drop frames that a fast machine has time for. More would delay the results.
+MOST_WAITING = 4
 _WAITING_BYTES = 1 << 23  # most luminance that waits, unless `_LEAST_AHEAD` frames need more
 
 
@@ -315,7 +321,9 @@ def frames_ahead(facts: InputFacts, working: WorkingSize, *, colour: bool = Fals
     A long queue keeps both threads busy, because some frames take longer than others. But it needs
     memory, most of all with colour pictures, and it delays the frames of a live input.
     """
-    if facts.live or colour:
+    if facts.live:
+        return 1
+    if colour:
         return _LEAST_AHEAD
     fit = _WAITING_BYTES // (4 * working.width * working.height)
     return max(_LEAST_AHEAD, min(_MOST_AHEAD, fit))

@@ -304,6 +304,7 @@ class CameraSource:
             frames_declared=None,
             codec="raw",
             pixel_format="bgr24",
+            real_time=True,
         )
         self._first = first
 

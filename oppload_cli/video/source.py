@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 from oppload_cli.errors import SourceError
 from oppload_cli.files.reading import is_folder, is_there
 from oppload_cli.processes.threads import Call, Prefetch
-from oppload_cli.video.frames import Frame, FrameTimes, WorkingSize, frames_ahead
+from oppload_cli.video.frames import MOST_WAITING, Frame, FrameTimes, WorkingSize, frames_ahead
 from oppload_cli.video.inputs import NUMBER, Span, is_camera, is_image_file
 from oppload_cli.video.luminance import Luminance
 
@@ -98,10 +98,16 @@ class Video:
         """Begin to decode, and return the iterator over the frames; there is only one."""
         if self._iterator is None:
             self._iterator = self._frames()
-            if self._ahead:
+            if self._ahead and self.facts.real_time:
+                self._prefetch = Prefetch(self._iterator, MOST_WAITING, self._dropped)
+            elif self._ahead:
                 ahead = frames_ahead(self.facts, self.working, colour=self._colour is not None)
-                self._iterator = self._prefetch = Prefetch(self._iterator, ahead)
+                self._prefetch = Prefetch(self._iterator, ahead)
+            self._iterator = self._prefetch or self._iterator
         return self._iterator
+
+    def _dropped(self) -> None:
+        self.decode.dropped += 1
 
     def close(self) -> None:
         """Stop the decoding thread, wait for its end, and close the input; may be called twice."""

@@ -44,6 +44,19 @@ def test_closing_early_joins_the_thread() -> None:
     assert threading.active_count() == before
 
 
+def test_the_oldest_items_are_dropped_if_too_many_wait() -> None:
+    ended, dropped = threading.Event(), []
+
+    def numbers() -> Iterator[int]:
+        yield from range(10)
+        ended.set()
+
+    items = Prefetch(numbers(), ahead=3, on_drop=lambda: dropped.append(1))
+    assert ended.wait(10)
+    assert list(items) == [7, 8, 9]
+    assert len(dropped) == 7
+
+
 def test_without_a_further_thread_the_caller_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(_: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")

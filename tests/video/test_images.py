@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 from fractions import Fraction
 from itertools import accumulate
+from time import sleep
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -17,6 +19,7 @@ from oppload_cli.video import images
 from oppload_cli.video.inputs import Span
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.source import open_video
+from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -293,6 +296,28 @@ def test_the_times_of_a_camera_are_as_exact_as_a_clock_can_tell(
     monkeypatch.setattr(images, "time", clock)
     with open_video("camera:0", height=24) as video:
         assert [frame.time_s for frame in video] == pytest.approx([0, 1 / 120, 2 / 120])
+
+
+def test_frames_that_come_faster_than_they_are_analysed_are_dropped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Many(FakeCamera):
+        def __init__(self, number: int) -> None:
+            super().__init__(number)
+            self.remaining = 200
+
+    use(Many, monkeypatch)
+    with open_video("camera:0", height=24) as video:
+        frames = video.begin()
+        for _ in range(10_000):
+            if not video.decode.failures:  # the camera has not stopped yet
+                sleep(0.001)
+        assert [frame.index for frame in frames] == [196, 197, 198, 199]
+        assert (video.decode.decoded, video.decode.dropped) == (200, 196)
+    done = oppload("run", "camera:0", "-o", tmp_path, "--height", "24")
+    decode = json.loads((tmp_path / "camera-0.oppload.json").read_bytes())["decode"]
+    assert decode["decoded"] == decode["analysed"] + decode["dropped"] == 200
+    assert f"{decode['dropped']} of 200 frames were dropped, because they came" in done.stderr
 
 
 def test_a_camera_that_fails_once_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
