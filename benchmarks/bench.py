@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import av
 import cv2
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
-
-    from oppload_cli.models.opplod_parameters import OpplodParams
 
     Luma = NDArray[np.float32]
 
@@ -223,7 +221,7 @@ def _models_alone(rounds: int) -> Iterator[_Measurement]:
 def _stages(rounds: int) -> Iterator[_Measurement]:
     """Measure the time of each stage per frame of 427 x 240, in ms."""
     frames = _luminance(427, 240, 60)
-    opplod = cast("OpplodParams", parameters_of("opplod", "reference")).resolved(240)
+    opplod = parameters_of("opplod", "reference").resolved(240)
     shape, dlgmd = (240, 427), DlgmdParams()
     dpc = Dpc(shape, opplod, opplod.both_axes)
     judgement, grouped, flow = (

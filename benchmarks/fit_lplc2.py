@@ -430,7 +430,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise ParameterError(f"--free: no parameter '{unknown[0]}'; one of {', '.join(RANGES)}")
         targets = read_reference(chosen.reference)
         _check_count(free, targets)
-        params = cast("OpplodParams", parameters_of("opplod", "lplc2"))
+        params = parameters_of("opplod", "lplc2")
         stimuli = [target.stimulus for target in targets]
         battery = (
             Battery(stimuli, params)

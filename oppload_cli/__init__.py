@@ -96,9 +96,11 @@ def __dir__() -> list[str]:
     return list(__all__)
 
 
-def __getattr__(name: str) -> Any:
-    if name == "stimulus":
-        return import_module("oppload_cli.stimulus")
-    if name not in _HOMES:
-        raise AttributeError(f"module 'oppload_cli' has no attribute '{name}'")
-    return getattr(import_module(f"oppload_cli.{_HOMES[name]}"), name)
+if not TYPE_CHECKING:  # else type checkers and editors would take every name for a public one
+
+    def __getattr__(name: str) -> Any:
+        if name == "stimulus":
+            return import_module("oppload_cli.stimulus")
+        if name not in _HOMES:
+            raise AttributeError(f"module 'oppload_cli' has no attribute '{name}'")
+        return getattr(import_module(f"oppload_cli.{_HOMES[name]}"), name)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 from oppload_cli.detection.parameters import place_params
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import parameters_of
 
 DEFAULT = OpplodParams()
-REFERENCE = cast("OpplodParams", parameters_of("opplod", "reference"))
-LPLC2 = cast("OpplodParams", parameters_of("opplod", "lplc2"))
+REFERENCE = parameters_of("opplod", "reference")
+LPLC2 = parameters_of("opplod", "lplc2")
 PLACES = place_params("reference")  # of the objects that REFERENCE shows
-PAPER = cast("OpplodParams", parameters_of("opplod", "paper"))
+PAPER = parameters_of("opplod", "paper")

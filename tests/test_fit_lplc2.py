@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -25,7 +25,6 @@ from oppload_cli.reproduction.lplc2 import BATTERY, show
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from oppload_cli.models.opplod_parameters import OpplodParams
 
 HEADER = "stimulus,axis_deg,width_deg,peak_relative_to_loom\n"
 
@@ -92,7 +91,7 @@ def test_a_phenomenon_counts_by_its_distance_from_its_range() -> None:
 @pytest.mark.slow
 def test_a_fit_is_that_of_its_seed_and_goes_on(tmp_path: Path) -> None:
     name = "klapoetke2017/cross-outward"
-    params = cast("OpplodParams", parameters_of("opplod", "lplc2"))
+    params = parameters_of("opplod", "lplc2")
     battery = Battery([name], params)
     # The fit and the model agree about the unit in the middle.
     families = [each for each in BATTERY if each.name in {"loom", "cross-outward"}]

@@ -84,7 +84,7 @@ def test_completion_shows_the_public_names_and_no_others() -> None:
     assert all(getattr(oppload_cli, name) is not None for name in oppload_cli.__all__)
     assert {"load", "frames", "ground_truth", "Protocol"} <= set(dir(stimulus))
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
-        _ = oppload_cli.nothing
+        _ = oppload_cli.nothing  # type: ignore[attr-defined]
 
 
 def test_names_are_loaded_when_they_are_used() -> None:

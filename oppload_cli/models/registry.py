@@ -15,7 +15,7 @@ from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast, overload
 
 from oppload_cli.errors import OpploadError, ParameterError, suggestion
 from oppload_cli.models import LOAD
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from importlib.abc import Loader
     from importlib.machinery import ModuleSpec
+
+    from oppload_cli.models.dlgmd import DlgmdParams
+    from oppload_cli.models.opplod_parameters import OpplodParams
 
 
 # No detector may have these names: they mean something else in settings and tables.
@@ -354,6 +357,12 @@ def detector_of(params: Parameters) -> type[Detector]:
     raise ParameterError(f"no detector has parameters of the class {type(params).__name__}")
 
 
+@overload
+def parameters_of(name: Literal["opplod"], preset: str = ...) -> OpplodParams: ...
+@overload
+def parameters_of(name: Literal["dlgmd"], preset: str = ...) -> DlgmdParams: ...
+@overload
+def parameters_of(name: str, preset: str = ...) -> Parameters: ...
 def parameters_of(name: str, preset: str = DEFAULT_PRESET) -> Parameters:
     """Return the parameters of a detector under a preset.
 

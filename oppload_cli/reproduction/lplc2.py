@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
     from numpy.typing import NDArray
 
-    from oppload_cli.models.opplod_parameters import OpplodParams
     from oppload_cli.stimulus.protocol import Protocol
 
     Series = NDArray[np.float64]
@@ -159,7 +158,7 @@ def _settings(name: str) -> Settings:
 
 def _signal(protocol: Protocol, settings: Settings) -> tuple[Series, Series]:
     """Return times in s and the calcium signal of the only detector in the settings."""
-    params = cast("OpplodParams", parameters_of("opplod", _PRESET))
+    params = parameters_of("opplod", _PRESET)
     (found,) = present(protocol, settings, indicator_s=params.calcium_s).values()
     return found.time_s, np.nan_to_num(found.response)
 

@@ -26,9 +26,8 @@ from tests import reference
 
 if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
-    from oppload_cli.models.opplod_parameters import OpplodParams
 
-PARAMS = cast("OpplodParams", parameters_of("opplod", "lplc2"))
+PARAMS = parameters_of("opplod", "lplc2")
 
 
 def edge(angle_deg: float, at: float) -> Map:
