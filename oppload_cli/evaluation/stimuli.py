@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os.path
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -184,41 +185,44 @@ def _labels_of(name: str, truth: Table, video: int, size: tuple[int, int]) -> li
     conditions = _conditions_of(truth["protocol"])
     if not onsets:
         return [Label(name, motion=conditions["kind"], conditions=conditions)]
-    display = truth["display"]["width"], truth["display"]["height"]
-    labels = []
-    for number, (onset, contact) in enumerate(zip(onsets, ends, strict=True), 1):
-        boxes: dict[int, Box] = {}
-        contacts: dict[int, float] = {}
-        times: set[float] = set()
-        for frame in truth["frames"]:
-            if not onset <= frame["frame"] <= contact:
-                continue
-            known = []
-            objects = filter(itemgetter("looming"), frame["objects"])
-            # The object that arrives first is the last one, so that the box of the frame is its.
-            for each in sorted(objects, key=_arrival_s, reverse=True):
-                if box := _within(each.get("box_px"), display, size):
-                    boxes[frame["frame"]] = box
-                if each["time_to_contact_s"] is not None:
-                    known.append(each["time_to_contact_s"])
-            if known:
-                contacts[frame["frame"]] = min(known)
-            times.update(round(frame["time_s"] + each, 6) for each in known)
-        labels.append(
-            Label(
-                f"{name}, approach {number} of {len(onsets)}" if len(onsets) > 1 else name,
-                onset,
-                contact,
-                "",
-                boxes,
-                contacts,
-                conditions,
-                tuple(sorted(times)),
-                since=onset if number > 1 else 0,
-                video=video if len(onsets) > 1 else None,
-            )
+    labels = [
+        _label_of_approach(name, truth, onset, contact, size)
+        for onset, contact in zip(onsets, ends, strict=True)
+    ]
+    if len(labels) == 1:
+        return [replace(labels[0], conditions=conditions)]
+    return [
+        replace(
+            each,
+            name=f"{name}, approach {number} of {len(labels)}",
+            conditions=conditions,
+            since=onset if number > 1 else 0,
+            video=video,
         )
-    return labels
+        for number, (onset, each) in enumerate(zip(onsets, labels, strict=True), 1)
+    ]
+
+
+def _label_of_approach(
+    name: str, truth: Table, onset: int, contact: int, size: tuple[int, int]
+) -> Label:
+    """Return the label of the frames `onset` to `contact`: boxes, and times to contact."""
+    display = truth["display"]["width"], truth["display"]["height"]
+    boxes: dict[int, Box] = {}
+    contacts: dict[int, float] = {}
+    times: set[float] = set()
+    for frame in truth["frames"]:
+        if not onset <= frame["frame"] <= contact:
+            continue
+        objects = filter(itemgetter("looming"), frame["objects"])
+        # The object that arrives first is the last one, so that the box of the frame is its.
+        for each in sorted(objects, key=_arrival_s, reverse=True):
+            if box := _within(each.get("box_px"), display, size):
+                boxes[frame["frame"]] = box
+            if each["time_to_contact_s"] is not None:
+                contacts[frame["frame"]] = each["time_to_contact_s"]
+                times.add(round(frame["time_s"] + each["time_to_contact_s"], 6))
+    return Label(name, onset, contact, "", boxes, contacts, contact_times=tuple(sorted(times)))
 
 
 def _arrival_s(truth: Table) -> float:

@@ -317,30 +317,28 @@ def names_of(text: str) -> tuple[str, ...]:
     ``all`` or ``all:PRESET``, or several of these with commas between them. Other names are a
     ParameterError.
     """
-    names: list[str] = []
-    for part in text.split(","):
-        name, _, variant = part.strip().partition(":")
-        if name == ALL:
-            if variant:
-                preset_named(variant)  # raises the error of an unknown preset
-            names += [one for one, each in detectors().items() if not each.variant_of]
-            continue
-        detector_named(name)
-        candidates = [one for one in _detectors if one.startswith(f"{name}_")]
-        variants = [one for one in candidates if detector_named(one).variant_of == name]
-        full = f"{name}_{variant}"
-        if full in variants:
-            names.append(full)
-            continue
-        if variant and variant not in PRESETS and (variant != _LITERAL or not variants):
-            if not variants:
-                preset_named(variant)  # raises the same error
-            known = [_LITERAL, *(one.removeprefix(f"{name}_") for one in variants)]
-            raise ParameterError(
-                f"model '{name}' has no variant '{variant}': it has {' and '.join(known)}"
-            )
-        names.append(name)
+    parts = [part.strip().partition(":") for part in text.split(",")]
+    names = chain.from_iterable(_named(name, variant) for name, _, variant in parts)
     return tuple(dict.fromkeys(names))
+
+
+def _named(name: str, variant: str) -> list[str]:
+    """Return the detectors that a name with a variant, with a preset or with neither means."""
+    if name == ALL:
+        if variant:
+            preset_named(variant)  # raises the error of an unknown preset
+        return [one for one, each in detectors().items() if not each.variant_of]
+    detector_named(name)
+    candidates = [one for one in _detectors if one.startswith(f"{name}_")]
+    variants = [one for one in candidates if detector_named(one).variant_of == name]
+    if f"{name}_{variant}" in variants:
+        return [f"{name}_{variant}"]
+    if not variant or variant in PRESETS or (variants and variant == _LITERAL):
+        return [name]
+    if not variants:
+        preset_named(variant)  # raises the error of an unknown preset
+    known = [_LITERAL, *(one.removeprefix(f"{name}_") for one in variants)]
+    raise ParameterError(f"model '{name}' has no variant '{variant}': it has {' and '.join(known)}")
 
 
 def placing_detector(names: Iterable[str]) -> type[Detector] | None:

@@ -174,21 +174,16 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         top = None if few else _top(x for x, _, _ in known)
         more = 0  # lines of the legend, of long names and of doubts
         for curve, (x, before, sizes) in zip(curves, known, strict=True):
-            label = wrapped(curve.name, LEGEND_WIDTH)
             fit = _line(curve.tuning, x, before)
-            if fit is not None:
-                short = f": {fit.angle_deg:.0f} deg, {round(1000 * fit.delay_s)} ms"
-                label += f"\n{fit.text}" if few else short
-                _draw_line(axes[0], fit, x.max(), curve.look, limits=few)
-            if top is not None and len(x) and 1000 * before.min() > top:
-                label += " (above)"
-            if few and curve.doubts:  # the legend of many detectors has no room for them
-                label += f"\n{wrapped(curve.doubts, LEGEND_WIDTH)}"
+            above = top is not None and len(x) > 0 and 1000 * before.min() > top
+            label = _label(curve, fit, few=few, above=above)
             more += max(0, label.count("\n") - few)
+            if fit:
+                _draw_line(axes[0], fit, x.max(), curve.look, limits=few)
             look: dict[str, Any] = curve.look | {"markersize": 3}
             points = look | {"linestyle": ""}
             axes[0].plot(x, 1000 * before, **points)
-            axes[0].plot([], [], **(points if fit is None else look), label=label)
+            axes[0].plot([], [], **(look if fit else points), label=label)
             if sizes is not None:
                 axes[-1].plot(x, sizes, **points)
         _draw_field(axes, curves[0].tuning)
@@ -206,6 +201,20 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         legend_above(figure, axes[0], request.title, 1 if few else 2)
         figure.set_figheight(min(MOST_HEIGHT, height + 0.14 * more / (1 if few else 2)))
     return figure, axes
+
+
+def _label(curve: TuningCurve, fit: PeakTimes | None, *, few: bool, above: bool) -> str:
+    """Return the text of a curve in the legend; that of many curves has room for few words."""
+    label = wrapped(curve.name, LEGEND_WIDTH)
+    if fit and few:
+        label += f"\n{fit.text}"
+    elif fit:
+        label += f": {fit.angle_deg:.0f} deg, {round(1000 * fit.delay_s)} ms"
+    if above:
+        label += " (above)"
+    if few and curve.doubts:
+        label += f"\n{wrapped(curve.doubts, LEGEND_WIDTH)}"
+    return label
 
 
 def _top(l_over_v_ms: Iterable[Series]) -> float:

@@ -154,18 +154,10 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
     for result, names in zip(results, detectors, strict=True):
         result.need_responses(names)
     labels = labels_of(results, options.labels)
-    groups = []
-    for at in in_number_order(labels):
-        result, truth = results[at], usable_truth(results[at])
-        zero_s = _contact(result, truth, options.marks.get("contact"), at) if options.align else 0.0
-        names = detectors[at]
-        shown = () if options.scale == "raw" else looks_of(names)  # else in a panel of its own
-        dashes = [look["linestyle"] for look in shown] or ["-"] * len(names)
-        group = [
-            Curve(result, at, labels[at], each.name, each.label, each.colour, truth, zero_s, dash)
-            for each, dash in zip(map(detector_named, names), dashes, strict=True)
-        ]
-        groups.append(group)
+    groups = [
+        _curves_of_result(results[at], at, labels[at], detectors[at], options)
+        for at in in_number_order(labels)
+    ]
     if len(results) > 1 and len(set(detectors)) == 1 and len(detectors[0]) == 1:
         curves = [curve for group in groups for curve in group]
         looks = looks_of([curve.detector for curve in curves])
@@ -177,6 +169,20 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
     if options.scale == "raw":
         return [[curve] for group in groups for curve in group]
     return groups
+
+
+def _curves_of_result(
+    result: BaseResult, at: int, label: str, names: Sequence[str], options: CurveOptions
+) -> list[Curve]:
+    """Return the curves of the detectors in result number `at`, as they look in one panel."""
+    truth = usable_truth(result)
+    zero_s = _contact(result, truth, options.marks.get("contact"), at) if options.align else 0.0
+    shown = () if options.scale == "raw" else looks_of(names)  # else in a panel of its own
+    dashes = [look["linestyle"] for look in shown] or ["-"] * len(names)
+    return [
+        Curve(result, at, label, each.name, each.label, each.colour, truth, zero_s, dash)
+        for each, dash in zip(map(detector_named, names), dashes, strict=True)
+    ]
 
 
 def _contact(
@@ -341,33 +347,49 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
     for label, times in marks.items():
         known = {c: time - c.zero_s for c, time in times.items() if time is not None}
         same_time = len({round(time, 6) for time in known.values()}) == 1
-        for number, (curve, time) in enumerate(known.items()):
+        for curve, time in known.items():
             draw_line(time, INK if same_time else curve.colour)
-            if number or (label == "contact" and options.align):  # the axis label says it
-                continue
-            several = label == "contact" and bool(other_contacts)
-            inside = first <= time <= last
-            text = label + "s" * several if inside else f"{label} at {short_number(time)} s"
-            share = min(max((time - first) / (last - first), 0.0), 1.0)
-            width = _LETTER * len(text)
-            # A second label stands to the right of its line, away from the first label.
-            right = share < 0.2 or (bool(taken) and share + width < 1)
-            place = _free_place(share, width, 1 - below, right=right, taken=taken, lines=lines)
-            upright = place is None  # an upright label is narrow, and may cover a curve
-            begin = min(share, 1 - 2 * _LETTER)
-            place = place or _Place(begin, begin + 2 * _LETTER, 0)
-            right = place.left >= share
-            taken.append(place)
-            axes[0].annotate(
-                text, (share, 1 - below), xycoords="axes fraction",
-                xytext=(2 if right else -2, -1 - _ROW_POINTS * place.row),
-                textcoords="offset points",
-                ha="left" if right else "right", va="top", fontsize=6, color=INK,
-                rotation=90 if upright else 0,
-            )  # fmt: skip
+        if not known or (label == "contact" and options.align):  # the axis label says it
+            continue
+        time = next(iter(known.values()))
+        text = f"{label}s" if label == "contact" and other_contacts else label
+        if not first <= time <= last:
+            text = f"{label} at {short_number(time)} s"
+        share = min(max((time - first) / (last - first), 0.0), 1.0)
+        taken.append(_write_mark(axes[0], text, share, 1 - below, taken=taken, lines=lines))
     for time in other_contacts:
         draw_line(time, INK)
     axes[0].set_xlim(first, last)
+
+
+def _write_mark(
+    axes: Axes,
+    text: str,
+    share: float,
+    top: float,
+    *,
+    taken: Sequence[_Place],
+    lines: Sequence[Series],
+) -> _Place:
+    """Write the label of a line where it covers no other label and no curve; return its place.
+
+    The arguments are those of :func:`_free_place`.
+    """
+    width = _LETTER * len(text)
+    # A second label stands to the right of its line, away from the first label.
+    right = share < 0.2 or (bool(taken) and share + width < 1)
+    place = _free_place(share, width, top, right=right, taken=taken, lines=lines)
+    upright = place is None  # an upright label is narrow, and may cover a curve
+    begin = min(share, 1 - 2 * _LETTER)
+    place = place or _Place(begin, begin + 2 * _LETTER, 0)
+    right = place.left >= share
+    axes.annotate(
+        text, (share, top), xycoords="axes fraction",
+        xytext=(2 if right else -2, -1 - _ROW_POINTS * place.row), textcoords="offset points",
+        ha="left" if right else "right", va="top", fontsize=6, color=INK,
+        rotation=90 if upright else 0,
+    )  # fmt: skip
+    return place
 
 
 def _marks_of(
