@@ -174,7 +174,7 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def suggestion(word: str, known: Iterable[str]) -> str:
+def suggestion(word: object, known: Iterable[str]) -> str:
     """Return a hint for a misspelt word, such as ``; did you mean 'receptive_field'?``.
 
     The hint names the most similar known word, the known words that end in ``_word``, or else all
@@ -182,7 +182,7 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     """
     import difflib  # noqa: PLC0415 - only for a misspelt word
 
-    names = sorted(known)
+    word, names = str(word), sorted(known)  # from Python also None or a number
     begun = [name for name in names if len(word) > 2 and name.startswith(word)]
     ended = [name for name in names if name.endswith(f"_{word}")]
     near = begun[:1] or ended or difflib.get_close_matches(word, names, n=1, cutoff=0.6)

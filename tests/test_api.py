@@ -254,7 +254,9 @@ def test_the_layers_of_a_model() -> None:
         (3, {}, SourceError, "int: holds no frames"),
         ("missing.mp4", {}, SourceError, "missing.mp4"),
         ("controls/size-steps", {"height": 0}, ParameterError, "height must be"),
+        ("a\0b", {}, SourceError, "no such file"),
         ("controls/size-steps", {"preset": "lgmd"}, ParameterError, "no preset 'lgmd'"),
+        ("controls/size-steps", {"preset": 3}, ParameterError, "no preset '3'; choose"),
         ("controls/size-steps", {"models": ["lgmd"]}, ParameterError, "no model 'lgmd'"),
         ("controls/size-steps", {"settings": {"opplod.gian": 1}}, ParameterError, "'gain'"),
     ],
@@ -281,6 +283,13 @@ def test_a_result_without_a_response_gives_no_figure(count: int, sentence: str) 
     for plot in (oppload.plot_curves, oppload.plot_places):
         with pytest.raises(ResultError, match=sentence):
             plot(result)
+
+
+@pytest.mark.parametrize("name", ["curves", "places", "rmo", "tuning"])
+def test_a_path_is_no_result(name: str) -> None:
+    plot = getattr(oppload, f"plot_{name}")
+    with pytest.raises(ParameterError, match=r"str: cannot be drawn; give what .*read_"):
+        plot("results/video.frames.csv")
 
 
 def test_a_run_leaves_the_number_of_opencv_threads() -> None:

@@ -45,6 +45,7 @@ from oppload_cli.plots.style import (
     wrapped,
     write_title,
 )
+from oppload_cli.results.reading import BaseResult
 from oppload_cli.results.truths import size_in
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.plots.panels import Curve
-    from oppload_cli.results.reading import BaseResult, Series
+    from oppload_cli.results.reading import Series
     from oppload_cli.results.truths import Truth
 
 _MOST_CURVES = 6  # in a figure with a line of the legend for each curve
@@ -139,7 +140,7 @@ def plot_curves(
     >>> panel.get_ylabel(), truth.get_xlabel()
     ('response / alarm threshold', 'time from contact (s)')
     """
-    results = as_list(results)
+    results = as_list(results, BaseResult)
     if scale not in SCALES:
         raise ParameterError(f"no scale '{scale}'; choose {', '.join(SCALES)}")
     if align not in {None, "contact"}:

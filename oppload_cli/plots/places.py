@@ -10,7 +10,15 @@ from matplotlib.patches import Rectangle
 from oppload_cli.errors import ResultError, SourceError
 from oppload_cli.models.detector import Box, Detector
 from oppload_cli.models.registry import detector_named, detectors, placing_detector
-from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure, wrapped
+from oppload_cli.plots.style import (
+    COLUMN,
+    INK,
+    SHADES,
+    TITLE_WIDTH,
+    check_drawn,
+    styled_figure,
+    wrapped,
+)
 from oppload_cli.results.alarms import times
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import BaseResult, find_video, known_threshold
@@ -110,6 +118,8 @@ def plot_places(
 
     Raises
     ------
+    ParameterError
+        If it is no result.
     ResultError
         If the result has no places of the detector, or is too short for a response.
 
@@ -121,6 +131,7 @@ def plot_places(
     >>> panel.get_xlabel()
     'x (px)'
     """
+    check_drawn(result, BaseResult)
     detector = _detector(result, model)
     places = [f"{detector.name}_{name}" for name in ("unit_x", "unit_y", *Box._fields)]
     result.need(places)

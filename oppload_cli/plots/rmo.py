@@ -20,14 +20,13 @@ from oppload_cli.plots.style import (
     wrapped,
 )
 from oppload_cli.results.cells import check_numbers
+from oppload_cli.results.reading import BaseResult
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from oppload_cli.results.reading import BaseResult
 
 
 COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
@@ -76,7 +75,7 @@ def plot_rmo(
     >>> index.get_ylabel()
     'RMO index'
     """
-    results = as_list(results)
+    results = as_list(results, BaseResult)
     if len(results) > _MOST:
         raise ResultError(
             f"{results[_MOST].path}: one figure shows the RMO of at most {_MOST} results; "

@@ -151,18 +151,29 @@ def colour_bar(
     return bar
 
 
-def as_list(results: T | Sequence[T]) -> list[T]:
+def as_list(results: T | Sequence[T], kind: type[T]) -> list[T]:
     """Return one result, or a sequence of results, as a list.
 
     Raises
     ------
     ParameterError
-        If there is none.
+        If there is none, or if one is not of this kind.
     """
     listed = list(results) if isinstance(results, Sequence) else [results]
     if not listed:
         raise ParameterError("there is no result to draw; give at least one")
+    for each in listed:
+        check_drawn(each, kind)
     return listed
+
+
+def check_drawn(drawn: object, kind: type) -> None:
+    """Raise a ParameterError for anything else than a result of this kind, such as its path."""
+    if not isinstance(drawn, kind):
+        known = "read_tuning" if kind is Tuning else "run or read_result"
+        raise ParameterError(
+            f"{type(drawn).__name__}: cannot be drawn; give what oppload_cli.{known} returns"
+        )
 
 
 def names_in(models: Sequence[str]) -> tuple[str, ...]:

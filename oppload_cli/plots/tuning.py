@@ -42,6 +42,7 @@ from oppload_cli.plots.style import (
     write_title,
 )
 from oppload_cli.results.cells import check_numbers
+from oppload_cli.results.reading import Tuning
 from oppload_cli.stimulus.catalogue import in_toml
 
 if TYPE_CHECKING:
@@ -52,8 +53,6 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
-
-    from oppload_cli.results.reading import Tuning
 
 
 _NARROW = 7  # columns of a heat map with numbers that fit into a journal's column
@@ -127,7 +126,7 @@ def plot_tuning(
     >>> panel.get_xlabel()
     'speed (deg/s)'
     """
-    tunings, models = as_list(tunings), names_in(models)
+    tunings, models = as_list(tunings, Tuning), names_in(models)
     names = labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(

@@ -49,7 +49,7 @@ class Entry:
 
     name: str
     path: Path
-    table: dict[str, Any]
+    table: dict[str, Any] = field(repr=False)  # so that a list of all entries can be read
     sweep: dict[str, list[Any]]
     only: str = "*"
     changes: dict[str, Any] = field(default_factory=dict)

@@ -20,6 +20,7 @@ from oppload_cli.files.atomic import remove, write_atomic
 from oppload_cli.processes import cores
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.stimulus.catalogue import find
+from oppload_cli.stimulus.protocol import Protocol, check_protocol
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.truth import ground_truth_text, read_ground_truth
 from oppload_cli.video.inputs import GROUND_TRUTH
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
-
-    from oppload_cli.stimulus.protocol import Protocol
 
     Grey = NDArray[np.uint8]
 
@@ -136,6 +135,7 @@ def _check_fits(protocol: Protocol, form: str, where: str) -> None:
 
 def _targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = False) -> Written:
     """Return the files that :func:`write`, called with the same arguments, makes."""
+    check_protocol(protocol)
     _check_fits(protocol, form, protocol.name)
     stem = file_stem(protocol.name)
     return Written(

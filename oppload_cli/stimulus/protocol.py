@@ -108,6 +108,15 @@ class Protocol(ProtocolTables):
             ids.add(obj.id)
 
 
+def check_protocol(protocol: object) -> None:
+    """Raise a StimulusError for anything else than a protocol, such as its name."""
+    if not isinstance(protocol, Protocol):
+        raise StimulusError(
+            f"{type(protocol).__name__}: is no stimulus; give what oppload_cli.stimulus.load "
+            "returns for a name"
+        )
+
+
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of a protocol file, for editors that complete and check TOML."""
     schema = _table_schema(Protocol)

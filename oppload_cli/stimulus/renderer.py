@@ -30,6 +30,7 @@ from oppload_cli.stimulus.patterns import (
     square_wave,
 )
 from oppload_cli.stimulus.pictures import cutout_of, shadow_of
+from oppload_cli.stimulus.protocol import Protocol, check_protocol
 from oppload_cli.stimulus.staging import Sight, camera_of, sight_of
 from oppload_cli.stimulus.surfaces import Surface
 from oppload_cli.stimulus.truth import FrameTruth, frame_truth
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
-
-    from oppload_cli.stimulus.protocol import Protocol
 
     Floats = NDArray[np.float64]
     Picture = NDArray[np.float32]
@@ -50,7 +49,7 @@ _LUMINANCE = np.arange(256, dtype=np.float32) / np.float32(255)
 _LARGEST_TILE = 2048
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays cannot be compared as a whole
 class StimulusFrame:
     """One frame of a stimulus.
 
@@ -79,6 +78,7 @@ class Renderer:
     """Draws the frames of a protocol, in any order."""
 
     def __init__(self, protocol: Protocol) -> None:
+        check_protocol(protocol)
         self.protocol = protocol
         self._background = background_of(protocol)
         self._painters = [

@@ -19,14 +19,13 @@ from oppload_cli.stimulus.kinematics import (
 )
 from oppload_cli.stimulus.objects import FIELDS, LOOMING, PICTURE, SIZED, Object
 from oppload_cli.stimulus.pictures import cutout_of
+from oppload_cli.stimulus.protocol import Protocol, check_protocol
 from oppload_cli.stimulus.staging import NEAREST_M, camera_of, contact_of, miss_of, sight_of
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
-
-    from oppload_cli.stimulus.protocol import Protocol
 
 
 _SCHEMA = "oppload.stimulus/1"
@@ -183,6 +182,7 @@ def _frames(protocol: Protocol) -> Iterator[dict[str, Any]]:
 
 
 def _head(protocol: Protocol) -> dict[str, Any]:
+    check_protocol(protocol)
     display = protocol.display
     rate = display.frame_rate
     truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))

@@ -214,7 +214,7 @@ class ContainerSource:
         path = Path(self.name)
         try:
             size = path.stat().st_size
-        except (FileNotFoundError, UnicodeError) as error:  # a text that can be no file's name
+        except (FileNotFoundError, ValueError) as error:  # a text that can be no file's name
             raise SourceError(f"{self.name}: no such file; check the path") from error
         except OSError as error:
             raise cannot_read(self.name, error) from error

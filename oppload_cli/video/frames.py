@@ -34,7 +34,7 @@ _LEAST_LASTING_S = 1.0  # a shift of at least this time stays: the clock was set
 _TAKEN_BACK = 0.1  # each step reduces a shorter shift by at most this share of the step
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays cannot be compared as a whole
 class Frame:
     """One frame for the detectors.
 

@@ -349,7 +349,7 @@ class Span:
     Raises
     ------
     ParameterError
-        If both an end and a duration are given.
+        If both an end and a duration are given, or a value is no `Position`.
 
     Examples
     --------
@@ -366,6 +366,12 @@ class Span:
     def __post_init__(self) -> None:
         if self.end and self.duration:
             raise ParameterError("--end and --duration exclude each other; give one of them")
+        given: tuple[object, ...] = self.start, self.end, self.duration
+        for each in given:
+            if not isinstance(each, Position | None):
+                raise ParameterError(
+                    f"a span has positions, such as Position(seconds=1.5), not {each!r}"
+                )
 
     @property
     def open_ended(self) -> bool:

@@ -45,6 +45,10 @@ def test_more_than_150_stimuli_of_different_names_and_content() -> None:
         assert protocol.display.width % 2 == protocol.display.height % 2 == 0
 
 
+def test_a_prompt_shows_an_entry_in_one_line() -> None:
+    assert max(len(repr(entry)) for entry in stimulus.entries()) < 500
+
+
 def test_kinds_and_growths_all_appear() -> None:
     objects = [obj for name in ENTRIES for p in stimulus.load_all(name) for obj in p.objects]
     assert {obj.kind for obj in objects} >= {

@@ -421,3 +421,16 @@ def test_a_square_of_which_one_corner_enters_the_display_is_drawn() -> None:
     shape = Object(id="s", kind="square", size_deg=20, axis_deg=45, centre_deg=(x, 0))
     frame = next(stimulus.frames(made(shape)))
     assert dark_area(frame) == pytest.approx(2 * 2 * 25, rel=1e-2)
+
+
+def test_a_name_is_no_stimulus() -> None:
+    name: Any = "controls/size-steps"
+    for call in (stimulus.Renderer, stimulus.ground_truth, lambda given: stimulus.write(given, "")):
+        with pytest.raises(StimulusError, match=r"str: is no stimulus; give what .*load returns"):
+            call(name)
+
+
+def test_a_frame_is_found_in_a_list() -> None:
+    protocol = made(Object(id="f", kind="field"))
+    first, again = (next(stimulus.frames(protocol)) for _ in range(2))
+    assert [first, again].index(again) == 1

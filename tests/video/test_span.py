@@ -70,6 +70,12 @@ def test_end_and_duration_exclude_each_other() -> None:
         Span(end=Position(frame=1), duration=Position(frame=1))
 
 
+def test_a_number_is_no_position() -> None:
+    number: Any = 1.5
+    with pytest.raises(ParameterError, match=r"such as Position\(seconds=1.5\), not 1.5"):
+        Span(start=number)
+
+
 def set_back(folder: Path, frames: int) -> Path:
     """Write a transport stream whose clock goes back after the first and the second part."""
     images = grey_frames(frames)
