@@ -164,6 +164,12 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
         outcome = run_task(task, progress, opening)
     except SourceError as error:
         raise SourceError(f"{error}{_stimulus_of(task.name)}") from error
+    except Interrupted as stop:
+        if stop.outcome and options.verbosity >= 0:
+            progress.close()
+            for line in report(task, stop.outcome):
+                say(line)
+        raise
     finally:
         progress.close()
     if options.verbosity >= 0:

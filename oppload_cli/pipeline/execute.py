@@ -83,7 +83,7 @@ def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None
             watcher.opened(video)
         run = _Run(task, video, watcher)
         if task.outputs is None:
-            _write_stream(run)
+            _write_stream(run, started)
         else:
             table = task.outputs.begin(task.if_exists)
             if table is None:
@@ -154,7 +154,8 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
             kept = ""
         elif isinstance(error, KeyboardInterrupt) and run.video.facts.live:
             finish()
-            kept = _rows_kept("all", csv)
+            outcome = run.outcome(time.perf_counter() - started)
+            raise Interrupted(_rows_kept("all", csv), outcome) from error
         else:
             writing.keep()
             kept = _rows_kept("the first", writing.part)
@@ -192,7 +193,7 @@ def _explained(error: BaseException, path: Path, kept: str) -> BaseException | N
     return ShortageError(f"{path}: cannot be finished, because {short}{kept}") if short else None
 
 
-def _write_stream(run: _Run) -> None:
+def _write_stream(run: _Run, started: float) -> None:
     stream: IO[str] | None = sys.stdout
     if stream is None:  # Python's value of a closed standard output: "oppload ... >&-"
         raise OutputError("standard output: is closed; open it, or give a folder with --output")
@@ -203,6 +204,10 @@ def _write_stream(run: _Run) -> None:
     try:
         table = Table(stream, run.columns, at_once=True)
         run.analyse(run.video, lambda record: table.write(record.values()))
+    except KeyboardInterrupt as error:
+        if not (run.frames and run.video.facts.live):
+            raise
+        raise Interrupted(outcome=run.outcome(time.perf_counter() - started)) from error
     except BrokenPipeError:
         raise  # the program that reads the pipe has ended, which is no error
     except OSError as error:
@@ -323,12 +328,13 @@ class _Run:
         facts = self.video.facts
         remarks = self.video.times.remarks()
         remarks += self._remarks_on_rate()
-        decode = self.video.decode
-        if decode.dropped > _FEW_DROPPED * decode.decoded:
+        # Frames before --start, and those that wait when the user stops the run, do not count.
+        dropped, wanted = self.video.decode.dropped, self.video.decode.dropped + self.frames
+        if dropped > _FEW_DROPPED * wanted:
             remarks.append(
-                f"{decode.dropped} of {decode.decoded} frames were dropped, because they came "
-                "faster than they were analysed; choose fewer models, --no-rmo, or a camera with "
-                "fewer frames per second"
+                f"{dropped} of {wanted} frames were dropped, because they came faster than they "
+                "were analysed; choose fewer models, --no-rmo, or a camera with fewer frames per "
+                "second"
             )
         if facts.video_streams > 1:
             remarks.append(

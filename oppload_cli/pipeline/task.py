@@ -174,7 +174,14 @@ class Watcher(Protocol):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Raised when the user stops a task; the message says which rows are kept."""
+    """Raised when the user stops a task; the message says which rows are kept.
+
+    `outcome` is that of a live input, which ends so as a rule; None for other inputs.
+    """
+
+    def __init__(self, kept: str = "", outcome: Outcome | None = None) -> None:
+        super().__init__(kept)
+        self.outcome = outcome
 
 
 # ---- Results that exist already ------------------------------------------------------------

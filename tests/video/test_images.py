@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from fractions import Fraction
 from itertools import accumulate
 from time import sleep
@@ -318,6 +319,30 @@ def test_frames_that_come_faster_than_they_are_analysed_are_dropped(
     decode = json.loads((tmp_path / "camera-0.oppload.json").read_bytes())["decode"]
     assert decode["decoded"] == decode["analysed"] + decode["dropped"] == 200
     assert f"{decode['dropped']} of 200 frames were dropped, because they came" in done.stderr
+
+
+@pytest.mark.parametrize("start", ["f0", "f100"])
+def test_a_camera_that_the_user_stops_is_reported(
+    start: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Stopped(FakeCamera):
+        def __init__(self, number: int) -> None:
+            super().__init__(number)
+            self.remaining = 200
+
+        def read(self) -> tuple[bool, Any]:
+            if not self.remaining:
+                raise KeyboardInterrupt
+            return super().read()
+
+    use(Stopped, monkeypatch)
+    for place in (tmp_path, "-"):
+        done = oppload("run", "camera:0", "-o", place, "--height", "24", "--start", start)
+        assert (done.returncode, "OppLoD no alarm" in done.stderr) == (130, True)
+        wanted = 200 - int(start[1:])
+        assert re.search(f"[0-9]+ of {wanted} frames were dropped", done.stderr)
+    decode = json.loads((tmp_path / "camera-0.oppload.json").read_bytes())["decode"]
+    assert decode["decoded"] == 200
 
 
 def test_a_camera_that_fails_once_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
