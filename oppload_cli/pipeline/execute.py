@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
+from copy import copy
 from dataclasses import asdict
 from typing import IO, TYPE_CHECKING, Any
 
@@ -241,6 +242,7 @@ class _Run:
             self._optics = Optics.of_fov(video.facts.width, video.facts.height, fov)
         self._settings = task.settings.seen_through(self._optics, video.working)
         self.frames = 0
+        self._decode = video.decode
 
     @property
     def columns(self) -> list[str]:
@@ -268,14 +270,17 @@ class _Run:
             time=settings.time,
             optics=self._optics,
         )
-        for record in records:
-            write(record)
-            self.frames += 1
-            for name, summary in self._summaries.items():
-                summary.add(record, name)
-                self._alarms[name].add(record)
-            if self._watcher:
-                self._watcher.frame(record)
+        try:
+            for record in records:
+                write(record)
+                self.frames += 1
+                for name, summary in self._summaries.items():
+                    summary.add(record, name)
+                    self._alarms[name].add(record)
+                if self._watcher:
+                    self._watcher.frame(record)
+        finally:  # if the user stops a live input, a thread still decodes and counts
+            self._decode = copy(self.video.decode)
         if self.frames == 0 and self._task.span != Span():
             raise ParameterError(
                 f"{self._task.name}: has no frame in the part that --start, --end and --duration "
@@ -283,14 +288,14 @@ class _Run:
             )
 
     def _length(self) -> str:
-        facts, decoded = self.video.facts, self.video.decode.decoded
+        facts, decoded = self.video.facts, self._decode.decoded
         count = max(decoded, facts.frames_declared or 0)
         seconds = f"{float(count / facts.frame_rate):.2f} s, " if facts.frame_rate else ""
         return f"it has {seconds}{counted(count, 'frame')}"
 
     def outcome(self, wall_s: float) -> Outcome:
         """Return the outcome of the pass."""
-        decode = self.video.decode
+        decode = self._decode
         return Outcome(
             complete=decode.complete,
             frames=self.frames,
@@ -329,7 +334,7 @@ class _Run:
         remarks = self.video.times.remarks()
         remarks += self._remarks_on_rate()
         # Frames before --start, and those that wait when the user stops the run, do not count.
-        dropped, wanted = self.video.decode.dropped, self.video.decode.dropped + self.frames
+        dropped, wanted = self._decode.dropped, self._decode.dropped + self.frames
         if dropped > _FEW_DROPPED * wanted:
             remarks.append(
                 f"{dropped} of {wanted} frames were dropped, because they came faster than they "
@@ -396,7 +401,7 @@ class _Run:
     def sidecar(self, wall_s: float) -> dict[str, Any]:
         """Return the content of the sidecar, with the keys of ``docs/formats.md``, for JSON."""
         task, settings = self._task, self._settings
-        facts, decode, working = self.video.facts, self.video.decode, self.video.working
+        facts, decode, working = self.video.facts, self._decode, self.video.working
         rate = float(facts.frame_rate) if facts.frame_rate else None
         groups = settings.resolved(min(working.width, working.height))
         return {

@@ -345,6 +345,26 @@ def test_a_camera_that_the_user_stops_is_reported(
     assert decode["decoded"] == 200
 
 
+def test_a_camera_that_goes_on_changes_no_count_after_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Endless(FakeCamera):
+        def read(self) -> tuple[bool, Any]:
+            sleep(1e-4)
+            self.remaining = 2
+            return super().read()
+
+    def stop(*_: object) -> None:
+        sleep(0.05)
+        raise KeyboardInterrupt
+
+    use(Endless, monkeypatch)
+    monkeypatch.setattr("oppload_cli.cli.progress.Progress.frame", stop)
+    said = oppload("run", "camera:0", "-o", tmp_path, "--height", "24").stderr
+    (remark,) = re.findall("[0-9]+ of [0-9]+ frames were dropped", said)
+    assert remark in (tmp_path / "camera-0.oppload.json").read_text()
+
+
 def test_a_camera_that_fails_once_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     class Hiccup(FakeCamera):
         """Fails for 0.9 s after its second picture."""
