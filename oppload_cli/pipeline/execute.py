@@ -338,8 +338,8 @@ class _Run:
         if dropped > _FEW_DROPPED * wanted:
             remarks.append(
                 f"{dropped} of {wanted} frames were dropped, because they came faster than they "
-                "were analysed; choose fewer models, --no-rmo, or a camera with fewer frames per "
-                "second"
+                "were analysed; choose fewer models, a smaller --height, --no-rmo, or a camera "
+                "with fewer frames per second"
             )
         if facts.video_streams > 1:
             remarks.append(

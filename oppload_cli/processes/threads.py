@@ -92,7 +92,8 @@ class Prefetch(Generic[Item]):
         if isinstance(item, _End):
             self._ended = True
             raise item.error
-        self._free_places.put(None)
+        if not self._on_drop:  # else nobody takes the places, which would fill the memory
+            self._free_places.put(None)
         return item
 
     def close(self) -> bool:

@@ -55,6 +55,7 @@ def test_the_oldest_items_are_dropped_if_too_many_wait() -> None:
     assert ended.wait(10)
     assert list(items) == [7, 8, 9]
     assert len(dropped) == 7
+    assert items._free_places.qsize() <= 3  # it does not grow with the number of items
 
 
 def test_without_a_further_thread_the_caller_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
