@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.schema import Parameters, parameter
+from oppload_cli.video.frames import in_digits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -166,10 +167,11 @@ class Repeats:
         if self.still_s and self.exact == self._frames - 1:
             return ["all pictures are the same, and nothing can cause an alarm; check the input"]
         pictures = self.pictures_per_s(frame_rate)
-        if pictures is None:
+        if pictures is None or frame_rate is None:
             return []
+        about = in_digits(float(f"{pictures:.3g}"))
         return [
-            f"holds about {pictures:.3g} different pictures/s in {frame_rate:.4g} frames/s; the "
+            f"holds about {about} different pictures/s in {in_digits(frame_rate)} frames/s; the "
             "repeats are left out"
         ]
 

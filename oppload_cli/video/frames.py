@@ -271,8 +271,8 @@ class FrameTimes:
             return remarks
         if self._declared and abs(rate / self._declared - 1) > _CONTRADICTION:
             remarks.append(
-                f"{_in_digits(self._declared)} frames/s are declared, but the times of most frames "
-                f"say {_in_digits(rate)}; the times are used"
+                f"{in_digits(self._declared)} frames/s are declared, but the times of most frames "
+                f"say {in_digits(rate)}; the times are used"
             )
         if rate < _LEAST_RATE:
             remarks.append(
@@ -287,7 +287,8 @@ class FrameTimes:
         return remarks
 
 
-def _in_digits(rate: float) -> str:
+def in_digits(rate: float) -> str:
+    """Return frames per second as a text without a power of ten."""
     return f"{rate:.0f}" if rate >= 1000 else f"{rate:.4g}"
 
 

@@ -129,6 +129,7 @@ def test_the_first_repeats_are_recognised_once_the_cadence_is_known() -> None:
     assert told == pytest.approx([0, 2.5, 5, 7.5, 10], abs=0.5)
     assert (repeats.near, repeats.exact) == (0, 0)
     assert repeats.pictures_per_s(30) == pytest.approx(12, abs=1)
+    assert "000 different pictures/s in 30000 frames/s" in repeats.remarks(30_000)[0]
 
 
 @pytest.mark.parametrize("first", range(4))
