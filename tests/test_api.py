@@ -84,6 +84,7 @@ SOURCES: dict[str, Callable[[Path], Any]] = {
     "list": lambda _: FRAMES,
     "colour": as_colour,
     "16 bits": lambda _: np.stack(FRAMES).astype(np.uint16) * 257,
+    "big-endian": lambda _: (np.stack(FRAMES).astype(np.uint16) * 257).astype(">u2"),
     "float": lambda _: np.stack(FRAMES) / 255,
 }
 

@@ -60,6 +60,7 @@ class ArrayLuminance:
         values outside 0 to 1.
         """
         _check_type(values)
+        values = values.astype(values.dtype.newbyteorder("="), copy=False)  # as OpenCV needs it
         floating = values.dtype.kind == "f"
         if floating:
             values = values.astype(np.float32)  # always a copy
@@ -216,7 +217,8 @@ def _check_frames(frames: Frames) -> None:
 
 def _check_type(frames: Frames) -> None:
     """Raise a SourceError for an array whose type does not say which value is white."""
-    if frames.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)} and frames.dtype.kind != "f":
+    native = frames.dtype.newbyteorder("=")  # stacks of microscopes are often big-endian
+    if native not in {np.dtype(np.uint8), np.dtype(np.uint16)} and native.kind != "f":
         raise SourceError(
             f"array: its type is {frames.dtype}; give uint8 or uint16, or float from 0 to 1"
         )
