@@ -140,7 +140,8 @@ class TtcGradient(Detector):
         scores = np.maximum(best_c, 0) * best_r2
         best = int(np.argmax(scores))
         score, x, y = float(scores[best]), int(xs[best]), int(ys[best])
-        box = Box(x - half, y - half, side, side) if score > 0 else None
+        # Derivative i lies on the border of pixels i and i + 1.
+        box = Box(x - half + 0.5, y - half + 0.5, side, side) if score > 0 else None
         shares = float(best_c[best]), float(best_r2[best])
         return TtcGradientResponse(score, box, a, b, c, r2, score, x, y, *shares)
 

@@ -1,0 +1,119 @@
+"""Complete results of pictures that are mirrored, inverted, paler, larger, or after a cut.
+
+Cells, windows and halved frames fill these frames evenly, so that they are mirrored too.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import oppload_cli as oppload
+from tests.media import texture
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from numpy.typing import NDArray
+
+HEIGHT, WIDTH = 120, 144
+PRESETS = ("default", "reference")
+# The detectors for which darkening is the same as brightening.
+BOTH_WAYS = ("opplod", "dlgmd", "frame_difference", "ttc_gradient", "lgmd1_group", "lgmd_contrast")
+NO_ADAPTATION = {"opplod.adaptation_level": 0}
+
+
+def approach(strength: float = 1.0) -> NDArray[np.float32]:
+    """A dark disk and, later, a bright one grow beside the middle of a texture at rest."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    frames, ground = [], 0.4 + 0.2 * texture(HEIGHT, WIDTH, 3)
+    for t in range(24):
+        frame = ground
+        disks = (53, 79, 2 + 2.1 * t, 0.0), (115, 37, 2.4 * t - 12, 1.0)
+        for across, down, radius, level in disks:
+            edge = np.clip(radius - np.hypot(x - across, y - down) + 0.5, 0, 1)
+            frame = frame + edge * (level - frame)
+        frames.append(0.5 + strength * (frame - 0.5))
+    return np.asarray(frames, np.float32)
+
+
+def result(frames: NDArray[Any], preset: str = "default", **options: Any) -> oppload.Result:
+    options = {"height": HEIGHT, "rmo": False, "models": ["opplod"], "fov": 60, **options}
+    return oppload.run(np.ascontiguousarray(frames), preset, rate=30, **options)
+
+
+def assert_same(found: pd.DataFrame, expected: pd.DataFrame, within: float = 1e-4) -> None:
+    assert list(found.columns) == list(expected.columns)
+    for name in expected:
+        one, other = (table[name].to_numpy(float) for table in (found, expected))
+        most = within * float(np.nanmax(np.abs(other), initial=0))
+        np.testing.assert_allclose(one, other, rtol=0, atol=most, err_msg=name)
+
+
+def mirrored(table: pd.DataFrame, prefix: str, x: str, width: str, side: int) -> pd.DataFrame:
+    """Return a table with the places along one axis mirrored; `prefix` is a detector's or empty."""
+    changed = {f"{prefix}{x}": side - table[f"{prefix}{x}"] - table[f"{prefix}{width}"]}
+    angle = f"{prefix}{'azimuth' if x == 'x' else 'elevation'}_deg"
+    for name, total in ((f"{prefix}unit_{x}", side), (f"{prefix}centre_{x}", side), (angle, 0)):
+        if name in table:
+            changed[name] = total - table[name]
+    return table.assign(**changed)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize(("axis", "x", "size"), [(2, "x", "width"), (1, "y", "height")])
+def test_a_mirrored_video_has_a_mirrored_result(preset: str, axis: int, x: str, size: str) -> None:
+    frames = approach()
+    names, both = ["opplod", "ttc_gradient"], (np.flip(frames, axis), frames)
+    found, expected = (result(each, preset, models=names) for each in both)
+    table, side = expected.frames, frames.shape[axis]
+    for name in names:
+        table = mirrored(table, f"{name}_", x, size, side)
+    assert expected.frames[["opplod_x", "ttc_gradient_x"]].notna().sum().min() > 5
+    assert_same(found.frames, table)
+    assert expected.detections["id"].nunique() > 1
+    assert_same(found.detections, mirrored(expected.detections, "", x, size, side))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_dark_and_bright_count_alike(preset: str) -> None:
+    frames = approach()
+    found, expected = (result(each, preset, models=BOTH_WAYS) for each in (1 - frames, frames))
+    assert all(expected.frames[f"{name}_response"].max() > 0 for name in BOTH_WAYS)
+    assert_same(found.frames, expected.frames)
+    assert_same(found.detections, expected.detections)
+
+
+@pytest.mark.parametrize(("preset", "power"), [("reference", 4), ("default", 2)])
+def test_half_the_contrast(preset: str, power: int) -> None:
+    """Products of S, or of its square roots under `default`, are squared; S itself is linear."""
+    half, full = (
+        result(approach(each), preset, models=["opplod", "dlgmd"], settings=NO_ADAPTATION).frames
+        for each in (0.5, 1.0)
+    )
+    for name, factor in (("opplod_response", 2**power), ("dlgmd_s", 2), ("luma_change", 2)):
+        assert full[name].max() > 0
+        np.testing.assert_allclose(half[name] * factor, full[name], rtol=1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_video_of_twice_the_size_has_boxes_of_twice_the_size(preset: str) -> None:
+    frames = np.asarray(np.round(255 * approach()), np.uint8)
+    larger = frames.repeat(2, axis=1).repeat(2, axis=2)
+    found, expected = (result(each, preset).detections for each in (larger, frames))
+    places = ["x", "y", "width", "height", "centre_x", "centre_y"]
+    assert len(expected) > 5
+    assert_same(found.assign(**{name: found[name] / 2 for name in places}), expected, 1e-9)
+
+
+def test_a_cut_leaves_no_trace_in_later_responses() -> None:
+    frames = approach()
+    pan = np.asarray([np.roll(texture(HEIGHT, WIDTH, 8), 2 * t, 1) for t in range(20)])
+    alone, after = (
+        result(each, "reference", models=BOTH_WAYS[:3], rmo=True).frames[-21:]
+        for each in (frames, np.concatenate([pan, frames]))
+    )
+    columns = [name for name in alone.columns[2:] if "alarm" not in name]
+    assert alone["opplod_response"].max() > 0
+    assert_same(after[columns], alone[columns], 1e-9)
