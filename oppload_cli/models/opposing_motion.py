@@ -264,14 +264,21 @@ class CellJudgement:
     def _pooling_weights(
         self, shape: tuple[int, ...], reduction: int = 1, bars: Widths = NO_BARS
     ) -> tuple[Map, Map]:
-        """Return the weights, down and across, for maps of a reduced size; bars have weight 0."""
+        """Return the weights, down and across, for maps of a reduced size.
+
+        Pixels in bars have weight 0, and cells in bars pool nothing: the picture ends at its bars.
+        """
         maps, params = self.maps, self._params
         sigma = params.pool_sigma * params.cell_px / reduction
-        left, right, top, bottom = ((params.border + bar) // reduction for bar in bars)
-        return (
-            pooling_weights(shape[0], maps.centres_y / reduction, sigma, (top, bottom)),
-            pooling_weights(shape[1], maps.centres_x / reduction, sigma, (left, right)),
-        )
+        sides = (maps.centres_y, bars.top, bars.bottom), (maps.centres_x, bars.left, bars.right)
+        both = []
+        for length, (centres, first, last) in zip(shape, sides, strict=True):
+            border = (params.border + first) // reduction, (params.border + last) // reduction
+            weights = pooling_weights(length, centres / reduction, sigma, border)
+            # The row of cells is centred: its first and last centre add up to the frame's side.
+            weights[(centres < first) | (centres > centres[0] + centres[-1] - last)] = 0
+            both.append(weights)
+        return both[0], both[1]
 
 
 class PooledJudgement(CellJudgement):

@@ -303,6 +303,26 @@ def test_bars_are_known_after_a_quarter_of_a_second_at_any_rate() -> None:
 
 
 @pytest.mark.once
+def test_a_picture_between_bars_answers_as_it_does_alone() -> None:
+    """A disk grows at the upper edge of the picture; without a rule, cells in the bar count."""
+    params = DEFAULT.replaced(receptive_field=120, cell=6, persistence=0, adaptation_level=0)
+    y, x = np.mgrid[:96, :120] + 0.5
+    ground = 0.2 + 0.5 * texture(96, 120, 3)
+    found = []
+    for across, down in ((0, 0), (0, 36), (36, 0)):
+        model = Opplod((96 + 2 * down, 120 + 2 * across), params)
+        answers = []
+        for t in range(20):
+            edge = np.clip(2 * t - np.hypot(x - 62, y - 20) + 0.5, 0, 1)
+            picture = ground + edge * (0.9 - ground)
+            luma = np.pad(picture, ((down, down), (across, across))).astype(np.float32)
+            answers.append(model.step(luma))
+        found.append([answer.response for answer in answers[10:] if answer])
+    assert max(found[0]) > 0.01
+    assert found[1:] == [pytest.approx(found[0], rel=1e-4)] * 2
+
+
+@pytest.mark.once
 def test_a_lasting_change_of_the_light_passes_by_time_at_any_rate() -> None:
     """Half a second, the time constant, are 30 frames: then 1 / e of the gain is removed."""
     model = Opplod((60, 80), DEFAULT.replaced(light_s=0.5), frame_rate=60)
