@@ -12,7 +12,7 @@ from oppload_cli.models.detector import Box
 from oppload_cli.models.timebase import NEARLY_ONE
 from oppload_cli.motion.flow import DenseFlow, Interpolation
 from oppload_cli.motion.rmo import RmoMetrics
-from oppload_cli.pipeline.repeats import Repeat
+from oppload_cli.pipeline.repeats import EXACT, Repeat
 from oppload_cli.results.table import FrameRecord
 from oppload_cli.video.frames import FrameTimes
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import Frame, WorkingSize
     from oppload_cli.video.optics import Optics
 
-# A cadence that the first 0.6 s prove counts from the first frame on. For this their frames are
-# kept, but not more than 64 MB.
+# A cadence that the first 0.6 s prove, or those after a still start, counts from their first frame
+# on. For this their frames are kept, but not more than 64 MB.
 _FIRST_S, _FIRST_BYTES = 0.6, 1 << 26
 
 
@@ -81,6 +81,9 @@ class Preparation:
 
     def _again(self, first: list[Prepared], latest: Prepared) -> Prepared:
         """Return the latest frame; if a cadence is known now, with the first frames once more."""
+        still = latest.repeat.kind == EXACT and not latest.repeat.passed_over
+        if still and all(each.repeat.kind == EXACT for each in first[1:]):
+            first.clear()  # the video begins at rest: the frames count from the last one at rest
         first.append(latest)
         seconds = latest.frame.time_s - first[0].frame.time_s
         if seconds > _FIRST_S or len(first) * latest.frame.luma.nbytes > _FIRST_BYTES:

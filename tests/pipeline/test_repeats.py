@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -10,7 +11,11 @@ import numpy as np
 import pytest
 
 from oppload_cli import open_video
+from oppload_cli.detection.parameters import AlarmParams
+from oppload_cli.models.timebase import TimeParams
+from oppload_cli.pipeline.one_pass import PassParams, Preparation
 from oppload_cli.pipeline.repeats import EXACT, Repeat, RepeatParams, Repeats
+from oppload_cli.video.frames import Frame
 from tests.media import texture, write_video
 
 if TYPE_CHECKING:
@@ -107,6 +112,26 @@ def test_a_picture_may_be_repeated_once_more_than_the_one_before() -> None:
     grain = noise(len(shown), 0.001)
     found, _ = answers([frame + other for frame, other in zip(shown, grain, strict=True)])
     assert found == "..........." + "NN.N." * 3 + "NN.N"
+
+
+@pytest.mark.parametrize("still", [0, 30])
+def test_the_detectors_begin_again_once_the_cadence_is_known(still: int) -> None:
+    """12 pictures/s in 30 frames/s, at once or after a second of a still picture."""
+    moving = panned(np.arange(12) * 3.0)
+    grain = noise(24, 0.001)
+    shown = [moving[k * 12 // 30] + grain[k] for k in range(24)]
+    chosen = PassParams(
+        "default", [], AlarmParams(), None, TimeParams(), None, Repeats(RepeatParams())
+    )
+    preparation = Preparation(chosen, Fraction(30))
+    begun = {}
+    for k, luma in enumerate(shown[:1] * still + shown):
+        prepared = preparation.step(Frame(k, k / 30, luma))
+        if prepared.again:
+            frames = [*prepared.again, prepared]
+            begun[k - still] = [(x.frame.index - still, x.repeat.passed_over) for x in frames]
+    passed_over = {1, 2, 4, 6, 7, 9}
+    assert begun == {10: [(k, k in passed_over) for k in range(11)]}
 
 
 def test_the_first_repeats_are_recognised_once_the_cadence_is_known() -> None:
