@@ -251,6 +251,26 @@ def test_a_print_holds_all_alarms(browser: Browser, page: Path) -> None:
         assert browser.run(height) == most
 
 
+def test_a_print_keeps_its_colours_on_white(browser: Browser, page: Path) -> None:
+    style = "getComputedStyle(document.querySelector(arguments[0]))"
+    opened(browser, page, dark=True)
+    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+    media = {"media": "print", "features": dark}
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+    # A printer leaves out other grounds, so that curves and their names had no colour in common.
+    for shown in (".names .key", ".values .key", ".playhead"):
+        assert browser.run(f"return {style}.printColorAdjust", shown) == "exact"
+    assert browser.run(f"return {style}.color", "body") == "rgb(34, 34, 34)"
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "screen"})
+
+
+def test_the_list_of_alarms_fits_on_a_phone(browser: Browser, page: Path) -> None:
+    opened(browser, page, wide=360)
+    browser.run("document.querySelector('.alarms td:last-child').lastChild.data = ' EMD-LPLC2-GF'")
+    widths = "const list = document.querySelector('.alarms'); return "
+    assert browser.run(f"{widths} list.scrollWidth - list.clientWidth") == 0
+
+
 def test_a_large_video_is_a_file_beside_the_page(
     browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -309,6 +329,20 @@ def test_the_index_sorts_and_leads_to_the_pages(browser: Browser, index: Path) -
     browser.wait("document.getElementById('stage').dataset.playable === '1'")
     shows(browser, ALARMS[1][0])
     browser.driver.back()
+
+
+@pytest.mark.parametrize("wide", [360, 800, 1200])
+def test_the_index_shows_pictures_at_any_width(browser: Browser, index: Path, wide: int) -> None:
+    browser.open(index, wide=wide)
+    assert browser.pictures() == 3
+    assert browser.run("return document.querySelector('.spark').clientWidth") > 150
+    assert browser.run("return document.documentElement.scrollWidth") <= wide
+    # The picture of an upright video takes no more room than others.
+    tall = "const tall = document.images[0]; tall.src = arguments[0]; "
+    upright = "data:image/svg+xml,<svg xmlns='http://www.w3.org/2000/svg' width='9' height='90'/>"
+    browser.run(tall, upright)
+    browser.wait("document.images[0].naturalHeight === 90")
+    assert browser.run("return document.images[0].height") <= 160
 
 
 def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:

@@ -437,7 +437,7 @@
       }
     }).observe(byId("charts"));
     new ResizeObserver(() => present(presented)).observe(stage);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    matchMedia("screen and (prefers-color-scheme: dark)").addEventListener("change", () => {
       for (const { u } of charts) u.redraw();
     });
   }
