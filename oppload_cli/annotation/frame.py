@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli import palette
 from oppload_cli.models.registry import detector_named
-from oppload_cli.palette import bgr
+from oppload_cli.palette import FAINT, INK, bgr, ink_of, ink_on
 from oppload_cli.video.colour import LONGEST_SIDE, colour_size
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
 _Paint = tuple[int, int, int]  # blue, green, red
 
-DARK, _DIM, _WHITE = bgr(palette.INK), bgr(palette.FAINT), (255, 255, 255)
+DARK, _DIM, _WHITE = bgr(INK), bgr(FAINT), (255, 255, 255)
 _SHORT_SIDE = 400  # px; a picture with a shorter side is enlarged by an integer
 _LEAST_WIDTH = 540  # px of an annotated frame, so that the text fits
 _LEAST_TEXT = 16  # px: the height of a line of text
@@ -38,7 +37,6 @@ _LEAST_WINDOW_S = 0.1
 _MOST_REPEATS = 5  # in a row; more repeats are a scene at rest
 _MOST_FRAMES = 1 << 16  # that the strip keeps, also if the times of a damaged file do not advance
 _GRID, _SHADE = (215, 215, 215), (236, 236, 236)  # lines, and the ground while an alarm is on
-_LEAST_CONTRAST = 2.9  # of white letters to their ground
 _DECADES = 4  # that the plot shows
 _FINE = 4  # binary digits of a fraction of a pixel, in OpenCV's coordinates
 _FURTHEST = 20_000  # px; points farther away from the plot are moved to this distance
@@ -254,7 +252,7 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
     _write(canvas, frame, (left, middle), text, DARK)
     left += max(_width_of(frame, text), 5 * text) + text
     if alarming:
-        _sign(canvas, "ALARM", (left, middle), text, DARK)
+        _sign(canvas, "ALARM", (left, middle), text, INK)
     left += _width_of("ALARM", text, bold=True) + 2 * text
     right = area.x + area.width
     named = _fitting(list(record.responses), alarming, right - left, text)
@@ -265,12 +263,13 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
         _write(canvas, more, (right, middle), text, _DIM)
         right -= text // 2
     for name in reversed(named):
-        label, paint = detector_named(name).label, _paint_of(name)
+        label, colour = detector_named(name).label, detector_named(name).colour
         right -= _width_of(label, text, bold=True) + text
         if name in alarming:
-            _sign(canvas, label, (right, middle), text, paint)
+            _sign(canvas, label, (right, middle), text, colour)
         else:
-            _write(canvas, label, (right + text // 2, middle), text, paint, bold=True)
+            at = (right + text // 2, middle)
+            _write(canvas, label, at, text, bgr(ink_of(colour)), bold=True)
         right -= text // 2
 
 
@@ -292,20 +291,13 @@ def _fitting(names: list[str], alarming: Sequence[str], room: int, text: int) ->
     return [name for name in names if name in kept]
 
 
-def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: _Paint) -> None:
+def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, colour: str) -> None:
     """Write a word on a coloured ground."""
     x, middle = at
     half = round(0.75 * text)
     width = _width_of(word, text, bold=True) + text
-    canvas[middle - half : middle + half, x : x + width] = paint
-    _write(canvas, word, (x + text // 2, middle), text, _ink_on(paint), bold=True)
-
-
-def _ink_on(paint: _Paint) -> _Paint:
-    """Return white, or on a light ground, on which white could not be read, dark."""
-    linear = [((value / 255 + 0.055) / 1.055) ** 2.4 for value in reversed(paint)]
-    luminance = float(np.dot(linear, (0.2126, 0.7152, 0.0722)))  # relative, as WCAG defines it
-    return _WHITE if 1.05 / (luminance + 0.05) >= _LEAST_CONTRAST else DARK
+    canvas[middle - half : middle + half, x : x + width] = bgr(colour)
+    _write(canvas, word, (x + text // 2, middle), text, bgr(ink_on(colour)), bold=True)
 
 
 def _grid(canvas: Bgr, layout: Layout, scale: _Scale) -> None:
@@ -378,16 +370,16 @@ def _curve(
 
 
 def draw_detections(
-    canvas: Bgr, layout: Layout, detections: Iterable[Detection], paint: _Paint
+    canvas: Bgr, layout: Layout, detections: Iterable[Detection], colour: str
 ) -> None:
-    """Draw the box of each detection in the colour `paint`, with the object's number above it.
+    """Draw the box of each detection in a colour, with the object's number above it.
 
     The lines lie just inside the edges of the box. While the object causes an alarm, they are twice
     as thick, and the label has the word ALARM. The first detection is drawn last, over the others.
     """
     picture = canvas[layout.picture.slices]
     for detection in reversed(list(detections)):
-        _draw_box(picture, layout, detection, paint)
+        _draw_box(picture, layout, detection, colour)
 
 
 def _label_of(detection: Detection) -> str:
@@ -400,7 +392,8 @@ def _label_of(detection: Detection) -> str:
     return f"{name}  contact in {seconds:.{1 if seconds >= 1 else 2}f} s"
 
 
-def _draw_box(picture: Bgr, layout: Layout, detection: Detection, paint: _Paint) -> None:
+def _draw_box(picture: Bgr, layout: Layout, detection: Detection, colour: str) -> None:
+    paint = bgr(colour)
     box, across, down = detection.box, layout.scale_x, layout.scale_y
     left, top = round(box.x * across), round(box.y * down)
     right = max(round((box.x + box.width) * across), left + 1)
@@ -410,9 +403,9 @@ def _draw_box(picture: Bgr, layout: Layout, detection: Detection, paint: _Paint)
     _draw_edges(picture, (left - 1, top - 1, right + 1, bottom + 1), line + 2, DARK)
     _draw_edges(picture, (left, top, right, bottom), line, paint)
     centre = round(detection.centre_x * across), round(detection.centre_y * down)
-    for colour, width in ((DARK, layout.line + 2), (paint, layout.line)):
-        cv2.drawMarker(picture, centre, colour, cv2.MARKER_CROSS, layout.text, width)
-    _label(picture, (left, top), layout, detection, paint)
+    for ink, width in ((DARK, layout.line + 2), (paint, layout.line)):
+        cv2.drawMarker(picture, centre, ink, cv2.MARKER_CROSS, layout.text, width)
+    _label(picture, (left, top), layout, detection, colour)
 
 
 def _fill(picture: Bgr, edges: tuple[int, int, int, int], paint: _Paint) -> None:
@@ -430,7 +423,7 @@ def _draw_edges(picture: Bgr, edges: tuple[int, int, int, int], line: int, paint
 
 
 def _label(
-    picture: Bgr, corner: tuple[int, int], layout: Layout, detection: Detection, paint: _Paint
+    picture: Bgr, corner: tuple[int, int], layout: Layout, detection: Detection, colour: str
 ) -> None:
     """Write the label above the box, or inside the box if there is no room above it.
 
@@ -438,7 +431,8 @@ def _label(
     """
     label = _label_of(detection)
     left, top = corner
-    ground, ink = (paint, _ink_on(paint)) if detection.alarm else (_WHITE, paint)
+    ground = bgr(colour) if detection.alarm else _WHITE
+    ink = bgr(ink_on(colour) if detection.alarm else ink_of(colour))
     height = round(1.5 * layout.text)
     width = _width_of(label, layout.text, bold=True) + layout.text
     y = top - height if top >= height else max(0, top)

@@ -13,7 +13,6 @@ from oppload_cli.annotation.frame import DARK, History, Layout, draw_detections,
 from oppload_cli.errors import OpploadError
 from oppload_cli.files.atomic import PartFile, output_errors
 from oppload_cli.models.registry import placing_detector
-from oppload_cli.palette import bgr
 from oppload_cli.video.writers import Recording
 
 if TYPE_CHECKING:
@@ -150,7 +149,7 @@ class AnnotatedVideo:
         placing = placing_detector(record.responses)
         if placing is not None and self._boxes != "none":
             shown = (each for each in record.detections if each.alarm or self._boxes == "all")
-            draw_detections(canvas, layout, shown, bgr(placing.colour))
+            draw_detections(canvas, layout, shown, placing.colour)
         self._history.add(record)
         draw_strip(canvas, layout, self._history, record)
         return canvas

@@ -12,6 +12,7 @@ from oppload_cli.files.atomic import PART
 from oppload_cli.models.detector import Box
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
+from oppload_cli.palette import INK, ink_on
 from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted_in
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import alarm_rows, check_schema, known_threshold, read_detections
@@ -183,6 +184,7 @@ class Content:
             "truth": self.truth,
             "boxes": self.boxes,
             "boxColour": self.box_colour,
+            "boxInk": ink_on(self.box_colour or INK),
         }
 
 

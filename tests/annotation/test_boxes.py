@@ -4,15 +4,18 @@ import numpy as np
 import pytest
 
 from oppload_cli.annotation.frame import Layout, draw_detections
-from tests.annotation.records import detection, facts, paint_of, texts_of
+from oppload_cli.models.registry import detector_named
+from oppload_cli.palette import bgr
+from tests.annotation.records import detection, facts, texts_of
 
-PAINT = paint_of("opplod")
+COLOUR = detector_named("opplod").colour
+PAINT = bgr(COLOUR)
 
 
 def drawn(*boxes: tuple[float, float, float, float], alarm: bool = False) -> np.ndarray:
     layout = Layout.of(facts(432, 240))  # shown at 864 x 480
     canvas = np.full((layout.height, layout.width, 3), 90, np.uint8)
-    draw_detections(canvas, layout, [detection(box, alarm=alarm) for box in boxes], PAINT)
+    draw_detections(canvas, layout, [detection(box, alarm=alarm) for box in boxes], COLOUR)
     assert (canvas[layout.picture.height :] == 90).all()
     return canvas
 
@@ -70,7 +73,7 @@ def test_the_first_is_drawn_over_the_others() -> None:
     layout = Layout.of(facts(432, 240))
     mixed = np.zeros((layout.height, layout.width, 3), np.uint8)
     both = [detection((100, 80, 120, 60), alarm=True), detection((100, 80, 120, 60))]
-    draw_detections(mixed, layout, both, PAINT)
+    draw_detections(mixed, layout, both, COLOUR)
     assert painted(mixed, PAINT)[160:164, 400].all()  # the thick line of the alarm
 
 
@@ -102,5 +105,15 @@ def test_the_label_tells_the_time_to_contact_where_it_is_known(
         detection(box, seconds=0.8449),
         detection(box),
     ]
-    texts = texts_of(monkeypatch, lambda: draw_detections(canvas, layout, shown, PAINT))
+    texts = texts_of(monkeypatch, lambda: draw_detections(canvas, layout, shown, COLOUR))
     assert texts == ["#3", "#3  contact in 0.84 s", "#3  contact in 4.5 s", "ALARM #3"]
+
+
+@pytest.mark.parametrize("alarm", [False, True])
+def test_the_label_of_a_light_colour_can_be_read(alarm: bool) -> None:
+    layout = Layout.of(facts(432, 240))
+    canvas = np.zeros((layout.height, layout.width, 3), np.uint8)
+    draw_detections(canvas, layout, [detection((100, 80, 120, 60), alarm=alarm)], "#FFEE55")
+    label = canvas[138:156, 203:230]
+    assert label[0, 0].tolist() == ([0x55, 0xEE, 0xFF] if alarm else [255, 255, 255])
+    assert (label.max(axis=2) < 200).sum() > 30  # pixels of the number

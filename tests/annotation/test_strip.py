@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from oppload_cli.annotation.frame import History, Layout, draw_strip
-from oppload_cli.models.registry import detectors
+from oppload_cli.models.registry import detector_named, detectors
+from oppload_cli.palette import bgr, ink_of
 from tests.annotation.records import facts, paint_of, record, texts_of
 
 if TYPE_CHECKING:
@@ -115,7 +116,9 @@ def test_labels_that_do_not_fit_are_counted_and_alarms_come_first() -> None:
     canvas, _ = drawn([record(0, dict.fromkeys(names, 0.5), {last: True})])
     header = canvas[LAYOUT.header.y + 2 * LAYOUT.line : LAYOUT.plot.y].astype(int)
     # OpenCV 4 draws letters of thin lines, whose pixels hold little of the plain colour.
-    like = {name: np.abs(header - np.array(paint_of(name))).max(axis=2) <= 8 for name in names}
+    inks = {name: bgr(ink_of(detector_named(name).colour)) for name in names}
+    inks[last] = paint_of(last)  # the ground of its label
+    like = {name: np.abs(header - np.array(inks[name])).max(axis=2) <= 8 for name in names}
     shown = [name for name in names if like[name].sum() > 10]
     assert len(shown) < len(names)
     assert shown == [*names[: len(shown) - 1], last]
@@ -138,6 +141,19 @@ def test_a_word_can_be_read_on_the_colour_of_its_detector(
     sign = header[header.shape[0] // 2 - 4 : header.shape[0] // 2 + 4, ground[0] : ground[-1] + 1]
     inks = {each: (np.abs(sign - np.array(each)).max(axis=2) <= 8).sum() for each in (DARK, WHITE)}
     assert max(inks, key=lambda each: inks[each]) == ink
+
+
+@pytest.mark.parametrize(
+    ("colour", "ink"),
+    [
+        ("#D55E00", "#D55E00"),
+        ("#BBC57A", "#91995e"),
+        ("#FFFFFF", "#919191"),
+        ("#000000", "#000000"),
+    ],
+)
+def test_a_word_in_the_colour_of_its_detector_can_be_read_on_white(colour: str, ink: str) -> None:
+    assert ink_of(colour) == ink
 
 
 def test_the_curve_of_an_alarm_is_thicker() -> None:

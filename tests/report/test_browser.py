@@ -118,6 +118,23 @@ def test_boxes_and_values_of_the_frame(browser: Browser, page: Path) -> None:
     assert browser.run(drawn) == [0, 0, 0, 0]
 
 
+def test_the_label_of_a_box_of_a_light_colour_can_be_read(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(detector_named("opplod"), "colour", "#FFEE55")
+    opened(browser, write_report([write_numbered_result(tmp_path)], tmp_path).first, "#f9")
+    shows(browser, 9)
+    written = """
+    const canvas = document.getElementById("boxes");
+    const all = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+    let found = 0;  // pixels of dark letters
+    for (let i = 0; i < all.length; i += 4)
+      found += all[i] === 0x22 && all[i + 1] === 0x22 && all[i + 2] === 0x22;
+    return found;
+    """
+    assert browser.run(written) > 30
+
+
 def test_a_response_below_the_threshold_does_not_become_1(browser: Browser, page: Path) -> None:
     near = page.with_name("near.html")
     near.write_text(page.read_text().replace("0.09,0.1,", "0.999,0.1,"))

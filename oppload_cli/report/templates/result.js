@@ -190,7 +190,7 @@
     const top = edges[1] >= 20 * unit ? edges[1] - 18 * unit : Math.max(0, edges[1]);
     context.fillStyle = data.boxColour;
     context.fillRect(left, top, wide, 18 * unit);
-    context.fillStyle = "#fff";
+    context.fillStyle = data.boxInk;
     context.textBaseline = "middle";
     context.fillText(text, left + 5 * unit, top + 9.5 * unit);
   }
