@@ -364,6 +364,21 @@ class Tally:
         yield f"{'all':<12}{total:>10}{frames:>14}  in {wall_s:.1f} s{speed}"
 
 
+def failed_in(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the stem and the error of each input that failed, from a folder's lists of failures.
+
+    The lists are those of one batch, or of its shards. A list that cannot be read is passed over.
+    """
+    for path in sorted(folder.glob("failures*.csv")):
+        with (
+            suppress(OSError, ValueError, csv.Error),
+            path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file,
+        ):
+            reader = csv.DictReader(file)
+            if reader.fieldnames == list(FAILURE_COLUMNS):
+                yield from ((row["stem"] or "", row["error"] or "") for row in reader)
+
+
 def write_failures(path: Path, failures: Iterable[Failure]) -> None:
     """Write ``failures.csv``, which ``--files-from`` reads; without a failure, remove it.
 

@@ -15,7 +15,7 @@ from oppload_cli.files.atomic import folder_of_outputs
 from oppload_cli.files.reading import is_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
 
 @click.command(short_help="make a page per result: video, curves and alarms in sync")
@@ -90,6 +90,7 @@ def write_pages(
             folder,
             roots=roots,
             videos=videos,
+            failed=list(_failed_inputs(tables, roots)),
             jobs=jobs,
             frames=bar.update if alone else None,
             done=None if alone else bar.update,
@@ -97,6 +98,18 @@ def write_pages(
     for line in (*written.notes, *map(str, written.failures)):
         say(f"oppload: {line}")
     return written.first, ExitCode.INCOMPLETE if written.failures else ExitCode.DONE
+
+
+def _failed_inputs(tables: Sequence[Path], roots: Sequence[Path]) -> Iterator[str]:
+    """Yield the errors of inputs without a result, from the lists of failures of the roots."""
+    from oppload_cli.batch.plan import failed_in
+    from oppload_cli.results.reading import stem_of
+
+    made: dict[Path, set[Path]] = {root: set() for root in roots}
+    for table, root in zip(tables, roots, strict=True):
+        made[root].add(table.parent.relative_to(root) / stem_of(table))
+    for root, stems in made.items():
+        yield from (error for stem, error in failed_in(root) if Path(stem) not in stems)
 
 
 def _common_folder(folders: Sequence[Path]) -> Path | None:

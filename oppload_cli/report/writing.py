@@ -80,6 +80,7 @@ class _IndexRow(NamedTuple):
     peak: float  # the largest response over its threshold; without a threshold, over its peak
     thresholded: bool  # whether the peak is over a threshold
     reason: str  # why a peak above the threshold caused no alarm, or one below it did; else empty
+    complete: bool  # whether the run read all of the video
     notes: list[str]  # warnings
 
 
@@ -112,6 +113,7 @@ def write_report(
     *,
     roots: Sequence[Path] | None = None,
     videos: Path | None = None,
+    failed: Sequence[str] = (),
     jobs: int = 1,
     frames: Callable[[int], object] | None = None,
     done: Callable[[], object] | None = None,
@@ -131,6 +133,8 @@ def write_report(
         result below its root. By default all pages lie in `folder` itself.
     videos : Path, optional
         The video, or the folder of the videos, if they have moved.
+    failed : sequence of str
+        Errors of inputs without a result, which the index lists.
     jobs : int
         Number of pages that are made at the same time, each in a process.
     frames : callable, optional
@@ -167,7 +171,8 @@ def write_report(
     if not entries:
         raise failures[0]
     if index is not None:
-        write_atomic(index, _index_page(index, entries, failures))
+        without = [*map(str, failures), *failed]
+        write_atomic(index, _index_page(index, entries, without))
     notes = [f"{entry.page}: {note}" for entry in entries for note in entry.notes]
     return _Report([entry.page for entry in entries], index, failures, notes)
 
@@ -245,6 +250,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
         strongest.peak,
         strongest.thresholded,
         content.reason.removeprefix(", which "),
+        result.part("decode").get("complete") is not False,
         [*video_notes, *([result.shortfall] if result.shortfall else [])],
     )
 
@@ -283,7 +289,7 @@ def _page(
     )
 
 
-def _index_page(index: Path, entries: Sequence[_IndexRow], failures: Sequence[OpploadError]) -> str:
+def _index_page(index: Path, entries: Sequence[_IndexRow], failures: Sequence[str]) -> str:
     """Return the index as HTML: results with alarms come first, in the order of their peaks."""
     ordered = sorted(entries, key=lambda each: (not each.alarms, -each.peak, each.title))
     return rendered(
@@ -295,7 +301,7 @@ def _index_page(index: Path, entries: Sequence[_IndexRow], failures: Sequence[Op
         entries=ordered,
         alarmed=sum(bool(each.alarms) for each in entries),
         detectors=list(dict.fromkeys(spark[:2] for each in ordered for spark in each.sparks)),
-        failures=[printable(str(failure)) for failure in failures],
+        failures=[printable(failure) for failure in failures],
         spark_size=_SPARK,
         threshold_row=_spark_row(1.0),
         embedded=partial(embedded, kind="jpeg"),

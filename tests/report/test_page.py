@@ -471,6 +471,29 @@ def test_a_retry_makes_an_index_of_all_results(tmp_path: Path, capsys: Capture) 
     assert (out / "index.html").read_text().count("<tr data-title") == 2
 
 
+def test_the_index_tells_of_inputs_that_failed_and_of_incomplete_ones(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    (tmp_path / "clips").mkdir()
+    for name in ("one", "two"):
+        write_clip(tmp_path / "clips" / f"{name}.mkv")
+    whole = (tmp_path / "clips" / "two.mkv").read_bytes()
+    (tmp_path / "clips" / "two.mkv").write_bytes(whole[: len(whole) * 2 // 3])
+    (tmp_path / "clips" / "three.mkv").write_bytes(b"no video")
+    out, more = tmp_path / "out", ("--no-rmo", "-j", "1", "-q")
+    assert run(capsys, "run", tmp_path / "clips", "-o", out, "--report", *more).returncode == 4
+    index = out / "index.html"
+    assert "<summary>1 without a page</summary>" in index.read_text()
+    assert "three.mkv: not a video" in index.read_text()
+    # Also later, and of the parts of a batch; an input with a result has a page.
+    listed = (out / "failures.csv").read_text()
+    (out / "failures-2-of-2.csv").write_text(listed.replace("three", "one"))
+    assert run(capsys, "report", out, "-j", "1", "-q").returncode == 0
+    assert "<summary>1 without a page</summary>" in index.read_text()
+    found = re.findall(r">(\w+).mkv</a>(?: <span[^>]*>(\w+)</span>)?</td>", index.read_text())
+    assert sorted(found) == [("one", ""), ("two", "incomplete")]
+
+
 def titles_in(index: Path) -> dict[str, str]:
     """Return the title of each address in an index."""
     cells = re.findall(r'<td class="name"><a href="([^"]+)">([^<]+)</a>', index.read_text())
