@@ -53,7 +53,9 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
 
 
-_FEW_DROPPED = 0.05  # a larger share of dropped frames gives a remark
+# Dropped frames give a remark if they are a larger share, and more than the burst of frames with
+# which a network stream begins.
+_FEW_DROPPED, _BURST = 0.05, 30
 _CONTRADICTION = 0.01  # a larger relative difference of --fov from the ground truth gives a remark
 _threads_lock = threading.Lock()
 _before: list[int] = []  # for each run at this time, OpenCV's number of threads before all of them
@@ -335,7 +337,7 @@ class _Run:
         remarks += self._remarks_on_rate()
         # Frames before --start, and those that wait when the user stops the run, do not count.
         dropped, wanted = self._decode.dropped, self._decode.dropped + self.frames
-        if dropped > _FEW_DROPPED * wanted:
+        if dropped > max(_FEW_DROPPED * wanted, _BURST):
             remarks.append(
                 f"{dropped} of {wanted} frames were dropped, because they came faster than they "
                 "were analysed; choose fewer models, a smaller --height, --no-rmo, or a camera "
