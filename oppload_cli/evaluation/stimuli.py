@@ -215,7 +215,7 @@ def _label_of_approach(
         if not onset <= frame["frame"] <= contact:
             continue
         objects = filter(itemgetter("looming"), frame["objects"])
-        # The object that arrives first is the last one, so that the box of the frame is its.
+        # The object that arrives first comes last, so that the frame has its box and its time.
         for each in sorted(objects, key=_arrival_s, reverse=True):
             if box := _within(each.get("box_px"), display, size):
                 boxes[frame["frame"]] = box

@@ -98,12 +98,12 @@ class Video:
         """Begin to decode, and return the iterator over the frames; there is only one."""
         if self._iterator is None:
             self._iterator = self._frames()
-            if self._ahead and self.facts.real_time:
-                self._prefetch = Prefetch(self._iterator, MOST_WAITING, self._dropped)
-            elif self._ahead:
+            if self._ahead:
                 ahead = frames_ahead(self.facts, self.working, colour=self._colour is not None)
-                self._prefetch = Prefetch(self._iterator, ahead)
-            self._iterator = self._prefetch or self._iterator
+                on_drop = None
+                if self.facts.real_time:
+                    ahead, on_drop = MOST_WAITING, self._dropped
+                self._iterator = self._prefetch = Prefetch(self._iterator, ahead, on_drop)
         return self._iterator
 
     def _dropped(self) -> None:

@@ -311,8 +311,9 @@ def test_frames_that_come_faster_than_they_are_analysed_are_dropped(
     with open_video("camera:0", height=24) as video:
         frames = video.begin()
         for _ in range(10_000):
-            if not video.decode.failures:  # the camera has not stopped yet
-                sleep(0.001)
+            if video.decode.failures:  # the camera has stopped
+                break
+            sleep(0.001)
         assert [frame.index for frame in frames] == [196, 197, 198, 199]
         assert (video.decode.decoded, video.decode.dropped) == (200, 196)
     done = oppload("run", "camera:0", "-o", tmp_path, "--height", "24")
