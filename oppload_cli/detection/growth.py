@@ -194,11 +194,11 @@ class Pyramid:
     Parameters
     ----------
     luma : ndarray of float32, shape (height, width)
-        Luminance, 0 to 1; it is copied.
+        Luminance, 0 to 1; it is kept, not copied.
     """
 
     def __init__(self, luma: Map) -> None:
-        self._levels = [luma.copy()]
+        self._levels = [luma]
 
     def samples(self, region: Region, level: int) -> Map:
         """Return evenly spaced samples of a region.

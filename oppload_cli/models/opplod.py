@@ -197,7 +197,8 @@ class Opplod(Detector):
         """
         dpc = self._dpc.layer
         photoreceptors = dpc.photoreceptors
-        photoreceptors.need(luma)
+        if self._bars or self._light:  # they see the frame before the photoreceptors check it
+            photoreceptors.need(luma)
         if self._bars:
             self._bars.step(luma, photoreceptors.usual_step)
         if self._light:

@@ -242,12 +242,13 @@ class Repeats:
     def _recognised(self, luma: Luma, time_s: float) -> Repeat:
         if self._shown is None:
             return Repeat()
-        exact = np.array_equal(luma, self._shown)
         handling = self._params.handling
+        change = _change(luma, self._shown) if handling == NEAR else None
+        # The cells may not reach the border of the frame.
+        exact = not (change and change.largest) and np.array_equal(luma, self._shown)
         if handling == _KEEP:
             self.exact += exact
             return Repeat()
-        change = _NONE if exact else _change(luma, self._shown) if handling == NEAR else None
         while self._proofs and time_s - self._proofs[0][0] > _PROOF_S:
             self._proofs.popleft()
         if not exact and not (change and self._is_drop(change)):

@@ -121,14 +121,6 @@ def test_samples_are_taken_where_they_are_said_to_be() -> None:
     assert (pyramid.samples((0, 110, 60, 50), 1)[:, : SIDE // 2 - 1] < 0).all()
 
 
-def test_a_picture_stays_as_it_was_taken() -> None:
-    memory = patterned(1)
-    pyramid = Pyramid(memory)
-    before = pyramid.samples(REGION, 0)
-    memory[:] = 0
-    np.testing.assert_array_equal(pyramid.samples(REGION, 0), before)
-
-
 def test_frames_of_one_pixel_have_all_levels() -> None:
     pyramid = Pyramid(np.full((1, 1), 0.25, np.float32))
     assert pyramid.samples((0.5, 0.5, 0.1, 0.1), 3).shape == (SIDE, SIDE)
