@@ -31,7 +31,7 @@ from oppload_cli.errors import (
 from oppload_cli.files.reading import is_file
 from oppload_cli.models import registry
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.task import IfExists, exists_already
+from oppload_cli.pipeline.task import IfExists, Interrupted, exists_already
 from oppload_cli.processes import cores
 from oppload_cli.processes.pool import TELL_EVERY_S, Kind, Seldom, events
 from oppload_cli.processes.signals import stop_if_asked
@@ -112,6 +112,7 @@ def run_tasks(
         for task in tasks:
             observer.started(task.name)
             observer.ended(task, _counted(task, observer.frames))
+            stop_if_asked()  # a stopped live input has an outcome like any other
 
 
 def _run_in_processes(tasks: Iterable[Task], jobs: int, observer: _Observer) -> None:
@@ -133,9 +134,16 @@ def _run_in_processes(tasks: Iterable[Task], jobs: int, observer: _Observer) -> 
 
 
 def _attempt(task: Task, watcher: Watcher) -> Outcome | Failure:
-    """Run one task; return a Failure instead of raising an error, so that the others can go on."""
+    """Run one task; return a Failure instead of raising an error, so that the others can go on.
+
+    If the user stops a live input, its result is complete, and its outcome is returned.
+    """
     try:
         return run_task(task, watcher)
+    except Interrupted as stop:
+        if stop.outcome is None:
+            raise
+        return stop.outcome
     except (DetectorError, ParameterError) as error:  # its message may not name the input
         fault = str(error).removeprefix(f"{task.name}: ")
         return _failed(task, f"{task.name}: {fault}", error.exit_code)

@@ -312,11 +312,13 @@ class _Batch:
             self._finish()
             finished = self._tally.inputs.total()
             kept = f"{error}; " if str(error) else ""
-            go_on = "go on with --if-exists skip"
-            if options.if_exists == "overwrite":
-                go_on = "the same command begins again; --if-exists skip keeps older results too"
+            go_on = "; go on with --if-exists skip"
+            if finished == len(self._plan):  # live inputs, which end so as a rule
+                go_on = ""
+            elif options.if_exists == "overwrite":
+                go_on = "; the same command begins again; --if-exists skip keeps older results too"
             raise Interrupted(
-                f"{kept}{finished} of {len(self._plan)} inputs are finished; {go_on}"
+                f"{kept}{finished} of {len(self._plan)} inputs are finished{go_on}"
             ) from error
         except OpploadError:
             self._progress.close()

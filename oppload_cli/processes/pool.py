@@ -87,11 +87,15 @@ def events(
     Raises
     ------
     KeyboardInterrupt
-        If a signal has asked the program to stop.
+        If a signal has asked the program to stop. Results that the processes still send come first.
     """
     workers = _Workers(function, iter(items), threads)
     try:
         yield from workers.run(jobs)
+    except KeyboardInterrupt:
+        workers.terminate()
+        yield from workers.last_results()
+        raise
     except BaseException:
         workers.terminate()
         raise
@@ -122,6 +126,15 @@ class _Workers:
         """Ask every process to stop."""
         for process in self._processes:
             process.terminate()
+
+    def last_results(self) -> Iterator[Event]:
+        """Yield results of processes that were asked to stop: a live input ends well by it."""
+        self._items = iter(())
+        deadline = time.monotonic() + _STOP_WITHIN_S
+        while self._busy and (ready := wait(list(self._busy), deadline - time.monotonic())):
+            for each in ready:
+                happened = self._heard(cast("Connection", each))
+                yield from (event for event in happened if event.kind is Kind.DONE)
 
     def join(self) -> None:
         """Wait for the end of the processes; kill those that are too slow."""

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from oppload_cli.batch import tasks
 from oppload_cli.cli import progress
 from oppload_cli.cli.progress import AlarmTable, BatchProgress
 from oppload_cli.errors import printable
-from oppload_cli.pipeline.task import Outcome
+from oppload_cli.pipeline.task import Interrupted, Outcome
 from oppload_cli.results.alarms import verdicts_in
 from tests.cli import process
 from tests.cli.inside import oppload
@@ -414,6 +415,32 @@ def test_the_advice_after_an_interruption_suits_the_command(
     done = oppload("run", tmp_path, "-o", tmp_path, "--if-exists", if_exists)
     assert done.returncode == 130
     assert f"interrupted: 0 of 2 inputs are finished; {advice}\n" in done.stderr
+
+
+@pytest.mark.parametrize("live", [1, 2])
+def test_live_inputs_are_finished_when_the_user_stops_them(
+    live: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All their files are written then; so they count, and have a row like other inputs."""
+    stopped: list[object] = []
+
+    def run_task(task: object, *_arguments: object) -> None:
+        stopped.append(task)
+        raise Interrupted("", Outcome(frames=7))
+
+    def stop_if_asked() -> None:
+        if len(stopped) == live:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(tasks, "run_task", run_task)
+    monkeypatch.setattr(tasks, "stop_if_asked", stop_if_asked)
+    for name in ("a.avi", "b.avi"):
+        (tmp_path / name).touch()
+    done = oppload("run", tmp_path, "-o", tmp_path, "-j", "1")
+    advice = "" if live == 2 else "; go on with --if-exists skip"
+    assert done.returncode == 130
+    assert f"done {live:>17} {live * 7:>13}\n" in done.stderr
+    assert f"interrupted: {live} of 2 inputs are finished{advice}\n" in done.stderr
 
 
 def test_of_many_detectors_each_has_a_row(tmp_path: Path) -> None:

@@ -14,9 +14,11 @@ import pytest
 
 from oppload_cli import processes
 from oppload_cli.errors import OutputError, ParameterError
+from oppload_cli.processes import pool
 from oppload_cli.processes.pool import Event, Kind, events, outcomes, results
 from tests.processes.work import (
     ends_itself,
+    ends_well,
     halved,
     never_asks,
     squared,
@@ -78,6 +80,22 @@ def test_an_early_end_stops_the_processes_which_may_clean_up(tmp_path: Path) -> 
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0", "1"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
+def test_results_that_processes_send_when_they_are_stopped_are_not_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    happened: list[Event] = []
+
+    def stop_if_asked() -> None:
+        if [event.kind for event in happened].count(Kind.TOLD) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(pool, "stop_if_asked", stop_if_asked)
+    with pytest.raises(KeyboardInterrupt):
+        list(map(happened.append, events(ends_well, [4, 5, 6], 2)))
+    assert set(happened[-2:]) == {Event(Kind.DONE, 4, 4), Event(Kind.DONE, 5, 5)}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")

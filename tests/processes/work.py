@@ -53,6 +53,17 @@ def waits(folder: Path, number: int, tell: Callable[[int], object]) -> None:
         (folder / str(number)).touch()  # the process had time to clean up
 
 
+def ends_well(number: int, tell: Callable[[int], object]) -> int:
+    """Return a result when a signal stops the process, as a live input does."""
+    tell(number)
+    try:
+        work_until_stopped()
+    except KeyboardInterrupt:
+        tell(number)
+        return number
+    return -1
+
+
 def stopped_twice(folder: Path, number: int, _tell: Callable[[int], object]) -> None:
     """Get a signal, and a second signal while cleaning up."""
     try:
