@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os.path
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,7 +32,7 @@ from oppload_cli.video.inputs import GROUND_TRUTH, result_stem
 from oppload_cli.video.source import Video
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from fractions import Fraction
 
     from matplotlib.axes import Axes
@@ -278,9 +279,16 @@ def run(
     >>> float(result.frames["dlgmd_response"].max())
     0.0
     """
+    names: object = [models] if isinstance(models, str) else models  # maybe of a wrong type
+    if not isinstance(names, Collection) or not all(isinstance(name, str) for name in names):
+        raise ParameterError(f"models must be a list of names, e.g. ['opplod'], not {models!r}")
+    if not isinstance(settings, Mapping | None):
+        raise ParameterError(
+            f"settings must be a dict, e.g. {{'opplod.gain': 2}}, not {settings!r:.60}"
+        )
     chosen = resolve(
         preset=preset,
-        models=[models] if isinstance(models, str) else list(models),
+        models=list(names),
         height=None if height is None else str(height),
         fov=None if fov is None else str(fov),
         measure_rmo=rmo,

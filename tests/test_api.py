@@ -258,8 +258,12 @@ def test_the_layers_of_a_model() -> None:
         ("a\0b", {}, SourceError, "no such file"),
         ("controls/size-steps", {"preset": "lgmd"}, ParameterError, "no preset 'lgmd'"),
         ("controls/size-steps", {"preset": 3}, ParameterError, "no preset '3'; choose"),
+        ("controls/size-steps", {"preset": ["paper"]}, ParameterError, "did you mean 'paper'"),
         ("controls/size-steps", {"models": ["lgmd"]}, ParameterError, "no model 'lgmd'"),
+        ("controls/size-steps", {"models": [oppload.Opplod]}, ParameterError, "list of names"),
+        ("controls/size-steps", {"models": oppload.Opplod}, ParameterError, "list of names"),
         ("controls/size-steps", {"settings": {"opplod.gian": 1}}, ParameterError, "'gain'"),
+        ("controls/size-steps", {"settings": ["opplod.gain=2"]}, ParameterError, "must be a dict"),
     ],
 )
 def test_wrong_uses(
@@ -267,6 +271,26 @@ def test_wrong_uses(
 ) -> None:
     with pytest.raises(kind, match=sentence):
         oppload.run(source, **options)
+
+
+@pytest.mark.parametrize(
+    "shape", [240, "240x320", (240, 320, 3), (240.0, 320), np.zeros((9, 9)), (0, 9)]
+)
+def test_a_model_needs_height_and_width(shape: Any) -> None:
+    for make in (oppload.Dlgmd, oppload.Opplod, oppload.Analysis):
+        with pytest.raises(ParameterError, match=r"^shape must be height and width.*shape\[:2\]$"):
+            make(shape)
+    frames, sides = np.zeros((3, 9, 9), np.float32), [np.int64(9), 9]
+    for model in (oppload.Dlgmd(sides), oppload.DetectorBank(sides, [oppload.DlgmdParams()])):  # type: ignore[arg-type]
+        assert [model.step(frame) for frame in frames]
+
+
+@pytest.mark.parametrize("params", ["reference", {"gain": 2}, oppload.DlgmdParams(), 30])
+def test_a_model_takes_its_own_parameters(params: Any) -> None:
+    with pytest.raises(
+        ParameterError, match=r"class OpplodParams, such as parameters_of\('opplod'"
+    ):
+        oppload.Opplod((60, 80), params)
 
 
 def test_a_rate_may_be_as_low_as_a_frame_a_week() -> None:

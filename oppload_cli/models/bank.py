@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oppload_cli.errors import DetectorError, OpploadError, ParameterError
-from oppload_cli.models.detector import INTERPOLATED, Box
+from oppload_cli.models.detector import INTERPOLATED, Box, checked_shape
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.registry import detector_of, is_of_package
 from oppload_cli.models.timebase import Clock
@@ -72,6 +72,7 @@ class DetectorBank:
     ) -> None:
         if not params:
             raise ParameterError("no model is chosen; name at least one")
+        shape = checked_shape(shape)
         self._layers = layers = Layers(shape, Clock(time, frame_rate))
         self._photoreceptors = layers.photoreceptors()
         self.responded: set[str] = set()

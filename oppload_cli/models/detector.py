@@ -7,7 +7,9 @@ label and its colour. One line in :mod:`oppload_cli.models.registry` makes it kn
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from oppload_cli.errors import ParameterError
@@ -26,6 +28,21 @@ if TYPE_CHECKING:
 
 # The pictures between frames that a detector gets; the first two are made of these frames.
 INTERPOLATED = ("both", "earlier", "none")
+
+
+def checked_shape(shape: object) -> tuple[int, int]:
+    """Return height and width as integers; `shape` may be a list, and hold NumPy integers.
+
+    Raises ParameterError unless these are two integers of at least 1.
+    """
+    sides = tuple(shape) if isinstance(shape, Sequence) and not isinstance(shape, str) else ()
+    if len(sides) != 2 or not all(isinstance(each, Integral) and int(each) >= 1 for each in sides):
+        given = " ".join(repr(shape).split())  # that of an image has several lines
+        raise ParameterError(
+            f"shape must be height and width in pixels, not {given:.60}; of an image give "
+            "image.shape[:2]"
+        )
+    return int(sides[0]), int(sides[1])
 
 
 class Box(NamedTuple):
@@ -217,7 +234,7 @@ class Detector(ABC):
     Raises
     ------
     ParameterError
-        If the frames are smaller than `least_size`.
+        If the frames are smaller than `least_size`, or an argument is of another type.
 
     Examples
     --------
@@ -259,7 +276,13 @@ class Detector(ABC):
         frame_rate: float | None = None,
         layers: Layers | None = None,
     ) -> None:
+        shape = checked_shape(shape)
         self.need_size(shape, self.least_size)
+        if params is not None and not isinstance(params, self.parameters):
+            raise ParameterError(
+                f"params must be of the class {self.parameters.__name__}, such as "
+                f"parameters_of('{self.name}'), not {params!r:.60}"
+            )
         self.shape, self.frame_rate = shape, frame_rate
         self.layers = layers or Layers(shape, Clock(frame_rate=frame_rate))
         self.params = (params or self.parameters()).resolved(min(shape))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
 from numbers import Real
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -17,6 +16,7 @@ from oppload_cli.detection.parameters import (
     place_params,
 )
 from oppload_cli.errors import FrameError, ParameterError
+from oppload_cli.models.detector import checked_shape
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, parse_height, preset_named
 from oppload_cli.models.registry import default_names, detector_of, parameters_of
 from oppload_cli.models.timebase import TimeParams, time_params
@@ -32,14 +32,13 @@ from oppload_cli.video.frames import (
     InputFacts,
     WorkingSize,
     frames_ahead,
-    is_integer,
     max_pixels,
     too_large,
 )
 from oppload_cli.video.optics import Optics, parse_fov
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from fractions import Fraction
     from types import UnionType
 
@@ -208,14 +207,8 @@ class Analysis:
 
 
 def _checked_shape(shape: object) -> tuple[int, int]:
-    """Return height and width as integers; `shape` may be a list, and hold NumPy integers."""
-    sides = tuple(shape) if isinstance(shape, Sequence) and not isinstance(shape, str) else ()
-    if len(sides) != 2 or not all(is_integer(side, 1) for side in sides):
-        raise ParameterError(
-            f"shape must be height and width in pixels, not {shape!r}; of an image in colour "
-            "give image.shape[:2]"
-        )
-    rows, columns = map(int, sides)
+    """Return height and width in pixels; raise a ParameterError if they are too large."""
+    rows, columns = checked_shape(shape)
     if too_large(columns, rows):
         raise ParameterError(
             f"shape must have at most {max_pixels()} pixels, not {rows} x {columns}; give smaller "
@@ -226,7 +219,7 @@ def _checked_shape(shape: object) -> tuple[int, int]:
 
 def _check_kind(name: str, value: object, kind: type | UnionType, give: str) -> None:
     if value is not None and not isinstance(value, kind):
-        raise ParameterError(f"{name} must not be {value!r}; give {give}")
+        raise ParameterError(f"{name} must not be {value!r:.60}; give {give}")
 
 
 def analyse(

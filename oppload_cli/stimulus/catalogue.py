@@ -8,6 +8,7 @@ import json
 import math
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -400,6 +401,10 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
     >>> [each.name for each in stimulus.load_all("controls/looming-square")]
     ['controls/looming-square/axis-0', 'controls/looming-square/axis-45']
     """
+    if not isinstance(settings, Mapping | None):
+        raise StimulusError(
+            f"settings must be a dict, e.g. {{'display.frame_rate': 60}}, not {settings!r:.60}"
+        )
     found = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
     changed = [entry.with_settings(settings or {}).telling_changes() for entry in found]
     return [protocol for entry in changed for protocol in entry.protocols()]

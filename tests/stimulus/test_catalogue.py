@@ -187,6 +187,8 @@ def test_settings() -> None:
     ):
         with pytest.raises(StimulusError, match=words):
             stimulus.load("klapoetke2017/loom", {dotted: 3})
+    with pytest.raises(StimulusError, match=r"must be a dict, e\.g\. .* not \['seed=9'\]"):
+        stimulus.load("klapoetke2017/loom", ["seed=9"])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
