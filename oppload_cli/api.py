@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, cast
 import pandas as pd
 
 from oppload_cli.errors import OutputError, ParameterError, counted
-from oppload_cli.files.atomic import write_atomic
+from oppload_cli.files.atomic import part_of, write_atomic
 from oppload_cli.files.reading import is_file
 from oppload_cli.files.tables import Table
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.pipeline.execute import collected
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
@@ -200,6 +199,7 @@ class Result(reading.BaseResult):
         sidecar = dict(self.sidecar)
         truth = _own_truth(self)
         paths = [*([truth_path] if truth else []), *outputs.paths()]
+        paths += map(part_of, outputs.paths())
         existing_path = next(filter(os.path.lexists, paths), None)
         if existing_path is not None and existing is IfExists.ERROR:
             raise OutputError(
@@ -229,7 +229,7 @@ class Result(reading.BaseResult):
 
 def run(
     source: Source,
-    preset: str = DEFAULT_PRESET,
+    preset: str | None = None,
     *,
     models: Sequence[str] = (),
     rate: float | Fraction | None = None,
@@ -245,9 +245,9 @@ def run(
     ----------
     source : str, Path, FrameSource, Protocol or array
         As for :func:`oppload_cli.open_source`.
-    preset : str
+    preset : str, optional
         ``default`` for videos of cameras, ``reference`` for studies of the model, ``paper`` or
-        ``lplc2``.
+        ``lplc2``; if left out, that of a model such as ``opplod:paper``, or else ``default``.
     models : sequence of str
         Names of detectors; OppLoD and D-LGMD if left out.
     rate, times, height
@@ -296,7 +296,7 @@ def run(
     )
     records: list[FrameRecord] = []
     pixels = chosen.height or "native"
-    with open_source(source, rate=rate, times=times, height=pixels, preset=preset) as frames:
+    with open_source(source, rate=rate, times=times, height=pixels, preset=chosen.preset) as frames:
         truth = ground_truth(frames.protocol) if isinstance(frames, StimulusVideo) else None
         columns, sidecar = collected(frames, chosen, records.append, truth)
         # The names of stimuli and arrays are no paths.

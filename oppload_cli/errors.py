@@ -121,15 +121,19 @@ def shortage(error: BaseException | None) -> str:
         no_memory = isinstance(error, MemoryError) or number == errno.ENOMEM
         if no_memory or any(words in text for words in _NO_MEMORY):
             return (
-                "the memory is short; free some, raise its limit (ulimit -v), or use fewer --jobs"
+                "the memory is short; free some, raise its limit (ulimit -v), or run less at once "
+                "(--jobs)"
             )
         if number == errno.EAGAIN or "start new thread" in text:
             return (
                 "no further process or thread can be started; end some, raise their limit "
-                "(ulimit -u), or use fewer --jobs"
+                "(ulimit -u), or run less at once (--jobs)"
             )
         if number in {errno.EMFILE, errno.ENFILE}:
-            return "too many files are open; raise their limit (ulimit -n), or use fewer --jobs"
+            return (
+                "too many files are open; raise their limit (ulimit -n), or run less at once "
+                "(--jobs)"
+            )
         error = error.__cause__ or error.__context__
     return ""
 

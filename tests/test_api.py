@@ -164,6 +164,11 @@ def test_a_result_that_cannot_be_saved_completely_has_no_table(tmp_path: Path) -
     assert truth.read_text() == "mine"
     with pytest.raises(ParameterError, match="one of error, skip, overwrite, not 'bogus'"):
         result.save(tmp_path, "a", if_exists="bogus")
+    part = tmp_path / "a.frames.csv.part"  # of an interrupted run
+    part.touch()
+    truth.unlink()
+    with pytest.raises(OutputError, match=r"csv\.part: exists already; choose if_exists='overwr"):
+        result.save(tmp_path, "a")
     path = result.save(tmp_path, "a", if_exists="overwrite")
     assert json.loads(truth.read_text())["frames"]
     (tmp_path / "a.oppload.json").unlink()
@@ -337,6 +342,14 @@ def test_settings_reach_the_detectors() -> None:
     )  # fmt: skip
     assert result.sidecar["parameters"]["opplod"]["gain"] == 2
     assert result.sidecar["parameters"]["alarm"]["on"] is False
+
+
+def test_a_model_may_bring_its_preset() -> None:
+    frames = np.zeros((3, 9, 9), np.uint8)
+    result = oppload.run(frames, models="opplod:reference", rate=30, rmo=False, height=9)
+    assert result.sidecar["preset"] == "reference"
+    with pytest.raises(ParameterError, match="asks for preset 'paper', but the preset is 'lplc2'"):
+        oppload.run(frames, "lplc2", models="opplod:paper", rate=30)
 
 
 def test_detections_have_the_same_types_whatever_was_found(tmp_path: Path) -> None:

@@ -194,7 +194,9 @@ def test_frames_that_are_too_small_are_refused(
 ) -> None:
     monkeypatch.setattr(Toy, "least_size", (64, 96))
     wrong = run(capsys, "run", clip, "-o", tmp_path, "-q", "--model", "toy", "--height", "63")
-    reason = "model 'toy' needs frames of at least 96 x 64 px, not 63 x 63; raise --height"
+    reason = (
+        "model 'toy' needs frames of at least 96 x 64 px, not 63 x 63; raise the working height"
+    )
     assert (wrong.returncode, reason in wrong.stderr) == (2, True)
     assert list(tmp_path.iterdir()) == []
 

@@ -323,7 +323,8 @@ class Detector(ABC):
         if shape[0] < least[0] or shape[1] < least[1]:
             raise ParameterError(
                 f"model '{cls.name}' needs frames of at least {least[1]} x {least[0]} px, not "
-                f"{shape[1]} x {shape[0]}; raise --height, or choose another model"
+                f"{shape[1]} x {shape[0]}; raise the working height (--height), or "
+                "choose another model"
             )
 
     def at_rest(self) -> Response:

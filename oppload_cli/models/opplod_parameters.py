@@ -260,7 +260,7 @@ class OpplodParams(DpcParams):
             raise ParameterError(
                 f"opplod with kernel_height={self.kernel_height} (preset lplc2) needs a working "
                 f"height of at least {math.ceil(self.kernel_height * least_scale)} px, not "
-                f"{height}; raise --height"
+                f"{height}; raise the working height (--height)"
             )
         return self.replaced(
             sigma_excitation=self.sigma_excitation * scale,

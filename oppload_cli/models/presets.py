@@ -83,7 +83,7 @@ def preset_in(models: Iterable[str], where: str = "--model") -> str:
 def preset_named(name: str) -> Preset:
     """Return a preset by its name; an unknown name is a ParameterError."""
     if name == "robust":
-        raise ParameterError("preset 'robust' is called 'default' since 1.0; leave --preset out")
+        raise ParameterError("preset 'robust' is called 'default' since 1.0; leave the preset out")
     if name not in list(PRESETS):  # which also takes a list, from Python
         raise ParameterError(f"no preset '{name}'{suggestion(name, PRESETS)}")
     return PRESETS[name]

@@ -317,7 +317,7 @@ class _Run:
     def _remarks_on_rate(self) -> Iterator[str]:
         facts, name = self.video.facts, self._task.name
         if facts.rate_assumed:
-            images = "images carry no times; --image-rate states another rate"
+            images = "images carry no times; --image-rate (in Python rate) states another one"
             stream = "the stream carries no times; put it into a container such as Matroska"
             if self._task.image_rate:
                 stream += " at its true rate, as --image-rate is for images"
@@ -327,8 +327,8 @@ class _Run:
             yield "has times or a rate of its own: --image-rate has no effect on it"
         elif facts.kind == "images" and (true := rate_beside(name)) not in {None, facts.frame_rate}:
             yield (
-                f"--image-rate says {facts.frame_rate} frames/s, but the ground truth {true}; "
-                "--image-rate is used, so that the times of the ground truth do not fit"
+                f"the rate given is {facts.frame_rate} frames/s, but that of the ground truth "
+                f"{true}; the given one is used, so that the times of the ground truth do not fit"
             )
 
     def _remarks(self) -> tuple[str, ...]:
@@ -340,8 +340,8 @@ class _Run:
         if dropped > max(_FEW_DROPPED * wanted, _BURST):
             remarks.append(
                 f"{dropped} of {wanted} frames were dropped, because they came faster than they "
-                "were analysed; choose fewer models, a smaller --height, --no-rmo, or a camera "
-                "with fewer frames per second"
+                "were analysed; choose fewer models, a smaller height, no RMO (--no-rmo), or a "
+                "camera with fewer frames per second"
             )
         if facts.video_streams > 1:
             remarks.append(
@@ -355,11 +355,11 @@ class _Run:
             true = self._display.degrees(facts.width)
             if abs(fov / true - 1) > _CONTRADICTION:
                 remarks.append(
-                    f"--fov says {fov:.4g} degrees, but the ground truth {true:.4g}; --fov is used"
+                    f"fov says {fov:.4g} degrees, but the ground truth {true:.4g}; fov is used"
                 )
         if fov is not None and aspect and aspect != 1:
             remarks.append(
-                f"has pixels of an aspect of {float(aspect):.4g}, but --fov is meant for square "
+                f"has pixels of an aspect of {float(aspect):.4g}, but fov is meant for square "
                 "pixels: vertical angles are wrong"
             )
         remarks += self._repeats.remarks(self._rate)

@@ -104,8 +104,8 @@ class Settings:
         """
         for name, degrees in self.angles.items():
             raise ParameterError(
-                f"{name}={degrees:g}deg needs the field of view; give it with --fov DEGREES, "
-                f"or the size in pixels"
+                f"{name}={degrees:g}deg needs the field of view; give it with --fov DEGREES (in "
+                f"Python fov=DEGREES), or the size in pixels"
             )
         return [self.groups[name] for name in self.models]
 
@@ -219,7 +219,7 @@ def resolve(
     of_models = preset_in(models)
     if preset and of_models and preset != of_models:
         raise ParameterError(
-            f"--model asks for preset '{of_models}' and --preset for '{preset}'; leave one out"
+            f"a model asks for preset '{of_models}', but the preset is '{preset}'; leave one out"
         )
     preset = preset or of_models
     chosen = preset_named(preset) if preset else _preset_of_file(content, source, usual)

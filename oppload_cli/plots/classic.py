@@ -191,7 +191,7 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
             cells = curve.rows.pivot_table(index=up, columns=right, values="peak")
             share = cells.to_numpy(float)
             if np.isnan(share).any() or min(share.shape) < 2:
-                raise ResultError(f"{tuning.path}: its positions are no grid; draw --kind heat")
+                raise ResultError(f"{tuning.path}: its positions are no grid; draw kind 'heat'")
             share = share / (float(share.max()) or 1.0)
             x, y = cells.columns.to_numpy(float), cells.index.to_numpy(float)
             image = panel.pcolormesh(
@@ -364,7 +364,7 @@ def _contrast(tuning: Tuning, luminance: Series) -> Series:
     if not ground > 0:
         raise ResultError(
             f"{tuning.path}: contrast needs a ground that is not black in display.background of "
-            f"{tuning.path.with_suffix('.json').name}; draw --kind line"
+            f"{tuning.path.with_suffix('.json').name}; draw kind 'line'"
         )
     return 100 * (luminance - ground) / ground
 

@@ -142,7 +142,7 @@ def _peaks(curve: TuningCurve) -> tuple[Series, Series, Series | None]:
     The sizes are None if the table has no column of them.
     """
     tuning, rows = curve.tuning, curve.rows
-    advice = "l/v; for --kind contact run 'oppload tune --figure peak-time'"
+    advice = "l/v; for kind 'contact' run 'oppload tune --figure peak-time'"
     names = [column_of(tuning, "l_over_v_ms", advice), "peak_before_contact_s"]
     if names[1] not in tuning.rows:
         raise ResultError(f"{tuning.path}: has no column '{names[1]}'; run oppload tune again")
@@ -162,7 +162,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     if not any(_has_contact(curve) for curve in curves):
         raise ResultError(
             f"{curves[0].tuning.path}: column 'peak_before_contact_s' is empty, as the stimulus "
-            "has no contact; draw another --kind, such as line"
+            "has no contact; draw another kind, such as 'line'"
         )
     sized = any(sizes is not None for *_, sizes in known)
     lines = len(curves) * (2 if few else 0.5) + 8 * request.published

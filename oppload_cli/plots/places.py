@@ -188,7 +188,7 @@ def _detector(result: BaseResult, model: str | None) -> type[Detector]:
         detector = detector_named(model)
         result.need([f"{model}_response"])
         if not detector.places:
-            raise ResultError(f"{result.path}: {detector.label} has no places; leave --model out")
+            raise ResultError(f"{result.path}: {detector.label} has no places; leave the model out")
         return detector
     first = placing_detector(result.models)
     if first is None:

@@ -203,12 +203,12 @@ def _of_detector(
     if direction is None:
         kind = "heat" if len(tuning.parameters) == 2 else "line"
         raise ResultError(
-            f"{tuning.path}: has no column of a direction, such as bar.axis_deg; draw --kind {kind}"
+            f"{tuning.path}: has no column of a direction, such as bar.axis_deg; draw kind '{kind}'"
         )
     if len(tuning.parameters) > 1:
         other = next(name for name in tuning.parameters if name != direction)
         two = len(tuning.parameters) == 2
-        advice = "draw --kind heat" if two else "a plot shows two swept columns at most"
+        advice = "draw kind 'heat'" if two else "a plot shows two swept columns at most"
         raise ResultError(f"{tuning.path}: column '{other}' is swept too; {advice}")
     rows = tuning.of(detector)
     if rows.empty:

@@ -79,14 +79,15 @@ def plot_rmo(
     if len(results) > _MOST:
         raise ResultError(
             f"{results[_MOST].path}: one figure shows the RMO of at most {_MOST} results; "
-            "leave out --output"
+            "give fewer, or leave out --output"
         )
     for result in results:
         result.need_responses(())
         for name in COLUMNS:
             if name not in result.frames.columns:
                 raise ResultError(
-                    f"{result.path}: has no column '{name}'; run the input again without --no-rmo"
+                    f"{result.path}: has no column '{name}'; run the input again without --no-rmo "
+                    "(in Python without rmo=False)"
                 )
             if np.isnan(check_numbers(result.path, result.frames, name)).all():
                 raise ResultError(f"{result.path}: column '{name}' is empty; run it again")

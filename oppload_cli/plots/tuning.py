@@ -130,7 +130,7 @@ def plot_tuning(
     names = labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(
-            f"a tuning plot has the scale peak or raw, not --scale {scale}; choose one of them"
+            f"a tuning plot has the scale peak or raw, not '{scale}'; choose one of them"
         )
     kind = kind or kind_of(tunings[0])
     if kind not in KINDS:
@@ -382,7 +382,7 @@ def _parameter(tunings: Sequence[Tuning]) -> str:
     if len(first.parameters) > 1:
         columns = f"{', '.join(first.parameters[:-1])} and {first.parameters[-1]}"
         two = len(first.parameters) == 2
-        advice = "draw --kind heat" if two else "a plot shows two at most"
+        advice = "draw kind 'heat'" if two else "a plot shows two at most"
         raise ResultError(f"{first.path}: columns {columns} are swept; {advice}")
     parameter = first.parameters[0]
     texts = [value for value in first.rows[parameter] if isinstance(value, str | bool)]

@@ -358,7 +358,7 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
     for place in places:
         if is_file(place) or (kind == "images" and _holds_images(place)):
             return f"./{place}" if is_camera(str(place)) else str(place)
-    raise SourceError(f"{name}: is not found; say where it is with --video")
+    raise SourceError(f"{name}: is not found; say where it is with --video (in Python video=PATH)")
 
 
 def _holds_images(path: Path) -> bool:
@@ -447,5 +447,5 @@ def check_detectors(path: Path, sidecar: Mapping[str, Any]) -> None:
 def _unknown_detector(path: Path, name: str) -> ResultError:
     return ResultError(
         f"{path}: its detector '{name}' is not known here; load it, as in "
-        "'oppload --load FILE.py ...'"
+        "'oppload --load FILE.py ...', or register its class"
     )

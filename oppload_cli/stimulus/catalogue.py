@@ -136,7 +136,7 @@ class Entry:
             If a key names no table or object of the file, or if a word means no key or several.
         """
         table, sweep, only = self.table, dict(self.sweep), self.only
-        settings = self.in_full(settings)
+        settings = self.in_full(settings, option)
         excluded = {dotted: excluded_by(dotted) for dotted in settings}
         # The names of members change, so that `only` would select none.
         if sweep.keys() & {*settings, *excluded.values()}:
@@ -162,15 +162,17 @@ class Entry:
             for dotted, values in self.sweep.items()
         }
 
-    def in_full(self, settings: dict[str, Any]) -> dict[str, Any]:
+    def in_full(self, settings: dict[str, Any], option: str = "--change") -> dict[str, Any]:
         """Return settings by dotted key; a word such as ``l/v`` becomes the key that it means.
+
+        `option` is the user's option that has the settings, for messages.
 
         Raises
         ------
         StimulusError
             If a word means no key of this stimulus, or several.
         """
-        facts = self.name, self.table, self.sweep, "--change"
+        facts = self.name, self.table, self.sweep, option
         try:
             keys = [key_of(word, *facts) if word in WORDS else word for word in settings]
         except ParameterError as error:
@@ -406,7 +408,7 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
             f"settings must be a dict, e.g. {{'display.frame_rate': 60}}, not {settings!r:.60}"
         )
     found = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
-    changed = [entry.with_settings(settings or {}).telling_changes() for entry in found]
+    changed = [entry.with_settings(settings or {}, "settings").telling_changes() for entry in found]
     return [protocol for entry in changed for protocol in entry.protocols()]
 
 

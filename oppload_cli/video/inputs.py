@@ -365,7 +365,7 @@ class Span:
 
     def __post_init__(self) -> None:
         if self.end and self.duration:
-            raise ParameterError("--end and --duration exclude each other; give one of them")
+            raise ParameterError("end and duration exclude each other; give one of them")
         given: tuple[object, ...] = self.start, self.end, self.duration
         for each in given:
             if not isinstance(each, Position | None):

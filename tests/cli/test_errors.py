@@ -79,7 +79,7 @@ WRONG = [
     (
         ["run", "CLIP", "--model", "opplod:reference", "--preset", "paper"],
         2,
-        "--model asks for preset 'reference' and --preset for 'paper'; leave one out",
+        "a model asks for preset 'reference', but the preset is 'paper'; leave one out",
     ),
     (
         ["run", "CLIP", "--no-rmo", "--set", "rmo.grid=8"],

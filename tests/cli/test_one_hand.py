@@ -107,7 +107,7 @@ def test_a_model_may_bring_its_preset() -> None:
     assert preset_in(["opplod", "dlgmd:literal"]) == ""
     with pytest.raises(Exception, match="names the presets 'reference' and 'paper'"):
         resolve(models=["opplod:reference", "dlgmd:paper"])
-    with pytest.raises(Exception, match="asks for preset 'paper' and --preset for 'default'"):
+    with pytest.raises(Exception, match="asks for preset 'paper', but the preset is 'default'"):
         resolve(models=["opplod:paper"], preset="default")
 
 

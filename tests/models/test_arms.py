@@ -95,7 +95,9 @@ def test_its_parameters() -> None:
     assert (twice.receptive_field, twice.cell) == (400, 22)
     assert twice.resolved(480) == twice
     assert Opplod((17, 40), PARAMS).params.kernel_radius == 1
-    with pytest.raises(ParameterError, match="height of at least 17 px, not 16; raise --height"):
+    with pytest.raises(
+        ParameterError, match="height of at least 17 px, not 16; raise the working height"
+    ):
         Opplod((16, 40), PARAMS)
     with pytest.raises(ParameterError, match="'axes' of opplod must be 0 with judgement=arms"):
         PARAMS.replaced(axes=45)

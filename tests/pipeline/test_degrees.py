@@ -53,7 +53,7 @@ def test_a_field_of_view_that_the_ground_truth_contradicts_gives_a_remark(
 ) -> None:
     for fov, told in ((60.0, False), (90.0, True)):  # 300 px at 5 px/deg
         _, sidecar = done(stimulus, tmp_path / f"{fov}", fov=fov)
-        said = "--fov says 90 degrees, but the ground truth 60; --fov is used"
+        said = "fov says 90 degrees, but the ground truth 60; fov is used"
         assert (said in sidecar["remarks"]) == told
 
 
@@ -97,7 +97,7 @@ def test_images_have_the_rate_and_the_degrees_of_the_ground_truth_beside_their_f
     sidecar = oppload.run(".", models=["opplod"], rmo=False, height=60).sidecar
     assert sidecar["field_of_view"]["horizontal_deg"] == pytest.approx(60)
     slow = oppload.run(".", models=["opplod"], rmo=False, height=60, rate=30).sidecar
-    said = "--image-rate says 30 frames/s, but the ground truth 85; --image-rate is used"
+    said = "the rate given is 30 frames/s, but that of the ground truth 85; the given one is used"
     found = [any(said in remark for remark in each["remarks"]) for each in (sidecar, slow)]
     assert found == [False, True]
 
@@ -114,7 +114,7 @@ def test_pixels_that_are_no_squares_give_a_remark(tmp_path: Path, aspect: Fracti
         container.mux(stream.encode())
     for fov in (None, 90.0):
         _, sidecar = done(video, tmp_path / f"{fov}", fov=fov)
-        said = "has pixels of an aspect of 1.333, but --fov is meant for square pixels"
+        said = "has pixels of an aspect of 1.333, but fov is meant for square pixels"
         told = any(said in each for each in sidecar["remarks"])
         assert told == (aspect != 1 and fov is not None)
 
@@ -194,7 +194,9 @@ def test_the_last_size_counts(tmp_path: Path) -> None:
 
 def test_a_size_in_degrees_needs_the_field_of_view() -> None:
     settings = resolve(assignments=["opplod.receptive_field=60deg"])
-    with pytest.raises(ParameterError, match=r"receptive_field=60deg needs .* --fov DEGREES"):
+    with pytest.raises(
+        ParameterError, match=r"receptive_field=60deg needs .* --fov DEGREES .in Python fov=DEGREES"
+    ):
         settings.seen_through(None, WORKING).model_params()
 
 

@@ -377,7 +377,7 @@ def test_habituation_is_relative_to_the_first(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("contact", "not l/v; for --kind contact run 'oppload tune --figure peak-time'"),
+        ("contact", "not l/v; for kind 'contact' run 'oppload tune --figure peak-time'"),
         ("position", "not a position; run 'oppload tune --figure position'"),
         ("ends", "not the sides and the axis of a bar; run 'oppload tune --figure bar-ends'"),
         ("contrast", "not a luminance; run 'oppload tune --figure contrast'"),
@@ -393,7 +393,7 @@ def test_a_table_of_something_else(kind: str, message: str, tmp_path: Path) -> N
 def test_positions_that_are_no_grid_and_two_tables(tmp_path: Path) -> None:
     values = {"disk.centre_deg.right": [0.0, 5, 9], "disk.centre_deg.up": [0.0, 0, 9]}
     tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2, 3]})
-    with pytest.raises(ResultError, match="its positions are no grid; draw --kind heat"):
+    with pytest.raises(ResultError, match="its positions are no grid; draw kind 'heat'"):
         plot_tuning(tuning, "position")
     with pytest.raises(ResultError, match="a map of positions shows one table"):
         plot_tuning([tuning, tuning], "position", labels=["a", "b"])

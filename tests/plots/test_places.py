@@ -97,7 +97,7 @@ def test_the_places_of_the_chosen_detector(tmp_path: Path) -> None:
         "TTC gradient, peak in frame 20; box: looming",
         "object",
     ]
-    with pytest.raises(ResultError, match="D-LGMD has no places; leave --model out"):
+    with pytest.raises(ResultError, match="D-LGMD has no places; leave the model out"):
         plot_places(result, model="dlgmd")
     with pytest.raises(ResultError, match="has no column 'lgmd2_response'"):
         plot_places(result, model="lgmd2")

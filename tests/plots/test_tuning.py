@@ -324,14 +324,14 @@ def test_peaks_before_contact_over_l_over_v(tmp_path: Path) -> None:
     label = "OppLoD\nslope 2.00 ± 0.00 (53 deg, 53 to 53), delay 10 ± 0 ms"
     assert panel.get_legend_handles_labels()[1][0] == label
     other = read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))
-    with pytest.raises(ResultError, match="not l/v; for --kind contact run 'oppload tune --fig"):
+    with pytest.raises(ResultError, match="not l/v; for kind 'contact' run 'oppload tune --fig"):
         plot_tuning(other, "contact")
 
 
 def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: Path) -> None:
     values = {"disk.size_deg": [5.0, 9]}
     tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2]}))
-    with pytest.raises(ResultError, match=r"no column of a direction.*--kind line"):
+    with pytest.raises(ResultError, match=r"no column of a direction.*draw kind 'line'"):
         plot_tuning([tuning], "polar")
     with pytest.raises(ResultError, match=r"sweeps disk\.size_deg; a heat map needs two"):
         plot_tuning([tuning], "heat")
@@ -342,7 +342,7 @@ def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: P
         plot_tuning(read_tuning(switch), "line")
     values = {"disk.growth.speed_deg_s": [10.0, 20], "disk.size_deg": [5.0, 9]}
     both = read_tuning(write_tuning(tmp_path / "c.tuning.csv", values, {"opplod": [1.0, 2]}))
-    with pytest.raises(ResultError, match=r"no column of a direction.*--kind heat"):
+    with pytest.raises(ResultError, match=r"no column of a direction.*draw kind 'heat'"):
         plot_tuning([both], "polar")
     axes = read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))
     for table in (tuning, axes):  # as a line, and as a polar plot
@@ -465,7 +465,7 @@ def test_the_numbers_of_the_radius_are_where_no_curve_is(tmp_path: Path) -> None
     assert panel.get_rlabel_position() == pytest.approx(202.5)  # between 180 and 225 degrees
     _, (raw,) = plot_tuning(tuning, lplc2="none", scale="raw")
     assert raw.get_ylim()[1] > 1  # the outermost mark is not cut
-    with pytest.raises(ParameterError, match="not --scale threshold"):
+    with pytest.raises(ParameterError, match="not 'threshold'"):
         plot_tuning(tuning, scale="threshold")
 
 
