@@ -224,6 +224,22 @@ def test_a_record_has_the_same_columns_in_every_frame() -> None:
         assert values[0]["opplod_alarm"] is False
 
 
+def test_open_sources_and_an_analysis_describe_themselves(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.avi", FRAMES)
+    with oppload.open_video(video, height=30) as opened:
+        assert repr(opened) == f"Video('{video}', 120 x 120 at 30 frames/s, seen at 30 x 30)"
+        assert opened.decode.decoded == 0
+    with oppload.open_source(np.stack(FRAMES), times=range(len(FRAMES)), height=60) as frames:
+        assert repr(frames) == "ArrayVideo('array', 120 x 120 at 1 frames/s, seen at 60 x 60)"
+    with oppload.open_source("controls/size-steps") as frames:
+        assert repr(frames).startswith("StimulusVideo('controls/size-steps', 360 x 360 at ")
+    analysis = oppload.Analysis((60, 80), [oppload.parameters_of("dlgmd")])
+    size = "80 x 60, seen at 320 x 240, preset default, dlgmd"
+    assert repr(analysis) == f"Analysis({size}; 0 frames so far)"
+    analysis.step(np.zeros((60, 80)), 0.0)
+    assert repr(analysis) == f"Analysis({size}; 1 frame so far)"
+
+
 def test_the_layers_of_a_model() -> None:
     params = oppload.parameters_of("opplod", "reference")
     assert isinstance(params, oppload.OpplodParams)

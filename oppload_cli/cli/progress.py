@@ -14,6 +14,7 @@ from oppload_cli.cli import on_terminal, progress_bar, say
 from oppload_cli.errors import counted, printable
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.alarms import MOST_IN_A_LINE, Verdict, in_words, label_of, times, uncounted
+from oppload_cli.video.frames import sizes_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -124,11 +125,9 @@ def _described(video: Video) -> str:
     """Return a line with the size of an input, its working size, and the unit of speeds."""
     facts, working = video.facts, video.working
     rate = float(facts.frame_rate) if facts.frame_rate else None
-    timing = f" at {rate:.6g} frames/s" if rate else ""
     per_second = f" = {working.scale_x * rate:.4g} source px/s" if rate else ""
     return (
-        f"{facts.name}: {facts.width} x {facts.height}{timing}, seen at "
-        f"{working.width} x {working.height}; 1 px/frame there = "
+        f"{facts.name}: {sizes_in_words(facts, working)}; 1 px/frame there = "
         f"{working.scale_x:.4g} source px/frame{per_second}"
     )
 

@@ -15,7 +15,7 @@ from oppload_cli.detection.parameters import (
     alarm_params_with,
     place_params,
 )
-from oppload_cli.errors import FrameError, ParameterError
+from oppload_cli.errors import FrameError, ParameterError, counted
 from oppload_cli.models.detector import checked_shape
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, parse_height, preset_named
 from oppload_cli.models.registry import default_names, detector_of, parameters_of
@@ -33,6 +33,7 @@ from oppload_cli.video.frames import (
     WorkingSize,
     frames_ahead,
     max_pixels,
+    sizes_in_words,
     too_large,
 )
 from oppload_cli.video.optics import Optics, parse_fov
@@ -115,11 +116,16 @@ class Analysis:
         working = WorkingSize.of(facts, pixels)
         optics = None if fov is None else Optics.of_fov(columns, rows, parse_fov(fov))
         self._shape, self._working = (rows, columns), working
+        names = ", ".join(detector_of(each).name for each in chosen.params)
+        self._about = f"{sizes_in_words(facts, working)}, preset {chosen.preset}, {names}"
         self._rate = float(facts.frame_rate) if facts.frame_rate else None
         self._luminance = ArrayLuminance(working)
         self._preparation = Preparation(chosen, facts.frame_rate)
         self._detectors = DetectorPass(working, facts.frame_rate, chosen, optics)
         self._first_s = 0.0
+
+    def __repr__(self) -> str:
+        return f"Analysis({self._about}; {counted(self._detectors.count, 'frame')} so far)"
 
     def step(self, frame: NDArray[Any], time_s: float) -> FrameRecord:
         """Take the next frame.

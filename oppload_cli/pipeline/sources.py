@@ -24,6 +24,7 @@ from oppload_cli.video.frames import (
     InputFacts,
     Picture,
     WorkingSize,
+    sizes_in_words,
 )
 from oppload_cli.video.inputs import HIGHEST_RATE
 from oppload_cli.video.luminance import Luminance
@@ -87,6 +88,10 @@ class _Drawn(ABC):
         self.times = FrameTimes(facts.frame_rate)
         self.working = WorkingSize.of(facts, height)
         self._luminance = ArrayLuminance(self.working)
+
+    def __repr__(self) -> str:
+        name = type(self).__name__.lstrip("_")
+        return f"{name}({self.facts.name!r}, {sizes_in_words(self.facts, self.working)})"
 
     def __iter__(self) -> Iterator[Frame]:
         for index, (time_s, values) in enumerate(self._pictures()):

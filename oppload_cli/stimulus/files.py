@@ -188,8 +188,8 @@ def not_made_yet(
         old = [path for path in (made.video, made.truth) if os.path.lexists(path)]
         if old and if_exists == "error":
             raise OutputError(
-                f"{old[0]}: exists already; choose --if-exists overwrite or skip (in Python "
-                "if_exists), or another folder"
+                f"{old[0]}: exists already; choose --if-exists overwrite or skip, or another "
+                "--output"
             )
         if len(old) < 2 or if_exists == "overwrite":
             wanted.append(protocol)
@@ -197,8 +197,8 @@ def not_made_yet(
         difference = _difference(made.truth, protocol)
         if difference:
             raise OutputError(
-                f"{made.video}: exists already, {difference}; choose --if-exists overwrite (in "
-                "Python if_exists), or another folder"
+                f"{made.video}: exists already, {difference}; choose --if-exists overwrite, or "
+                "another --output"
             )
     return wanted
 

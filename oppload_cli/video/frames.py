@@ -397,6 +397,12 @@ class WorkingSize(NamedTuple):
         return turned(self.width, self.height, rotation)
 
 
+def sizes_in_words(facts: InputFacts, working: WorkingSize) -> str:
+    """Return the size and the rate of an input, and its working size, as a part of a sentence."""
+    timing = f" at {float(facts.frame_rate):.6g} frames/s" if facts.frame_rate else ""
+    return f"{facts.width} x {facts.height}{timing}, seen at {working.width} x {working.height}"
+
+
 def turned(width: int, height: int, rotation: int) -> tuple[int, int]:
     """Return width and height of a picture after a turn by 0, 90, 180 or 270 degrees."""
     return (height, width) if rotation in (90, 270) else (width, height)

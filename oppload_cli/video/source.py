@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any, Self
 from oppload_cli.errors import SourceError
 from oppload_cli.files.reading import is_folder, is_there
 from oppload_cli.processes.threads import Call, Prefetch
-from oppload_cli.video.frames import MOST_WAITING, Frame, FrameTimes, WorkingSize, frames_ahead
+from oppload_cli.video.frames import (
+    MOST_WAITING,
+    Frame,
+    FrameTimes,
+    WorkingSize,
+    frames_ahead,
+    sizes_in_words,
+)
 from oppload_cli.video.inputs import NUMBER, Span, is_camera, is_image_file
 from oppload_cli.video.luminance import Luminance
 
@@ -84,6 +91,9 @@ class Video:
     def decode(self) -> DecodeFacts:
         """The result of decoding; final once the iteration has ended."""
         return self._source.decode
+
+    def __repr__(self) -> str:
+        return f"Video({self.facts.name!r}, {sizes_in_words(self.facts, self.working)})"
 
     def __enter__(self) -> Self:
         return self
