@@ -53,13 +53,16 @@ def report(
 
     if show:
         check_display()
-    common = _common_folder([path for path in results if is_folder(path)])
+    folders = [path for path in results if is_folder(path)]
+    common = _common_folder(folders)
     found = tables_in(results)
     tables = [table for _, table in found]
     roots = [common if common and is_folder(path) else table.parent for path, table in found]
     folder = output or _folder_of(results)
     with folder_of_outputs(folder):
-        page, code = write_pages(tables, folder, roots=roots, videos=videos, jobs=jobs, quiet=quiet)
+        page, code = write_pages(
+            tables, folder, roots=roots, batches=folders, videos=videos, jobs=jobs, quiet=quiet
+        )
     click.echo(page)
     if show:
         show_file(page)
@@ -71,14 +74,16 @@ def write_pages(
     folder: Path,
     *,
     roots: Sequence[Path],
+    batches: Sequence[Path],
     jobs: int,
     quiet: bool,
     videos: Path | None = None,
 ) -> tuple[Path, ExitCode]:
     """Write pages with a progress bar, and print their faults.
 
-    The parameters are those of :func:`~oppload_cli.report.writing.write_report`. Returns the index,
-    or the only page, and the exit code: ``INCOMPLETE`` if a result has no page.
+    The parameters are those of :func:`~oppload_cli.report.writing.write_report`; `batches` are the
+    folders whose failed inputs the index lists too. Returns the index, or the only page, and the
+    exit code: ``INCOMPLETE`` if a result has no page.
     """
     from oppload_cli.report.writing import write_report
 
@@ -90,7 +95,7 @@ def write_pages(
             folder,
             roots=roots,
             videos=videos,
-            failed=list(_failed_inputs(tables, roots)),
+            failed=list(_failed_inputs(tables, batches)),
             jobs=jobs,
             frames=bar.update if alone else None,
             done=None if alone else bar.update,
@@ -100,16 +105,14 @@ def write_pages(
     return written.first, ExitCode.INCOMPLETE if written.failures else ExitCode.DONE
 
 
-def _failed_inputs(tables: Sequence[Path], roots: Sequence[Path]) -> Iterator[str]:
-    """Yield the errors of inputs without a result, from the lists of failures of the roots."""
+def _failed_inputs(tables: Sequence[Path], batches: Sequence[Path]) -> Iterator[str]:
+    """Yield the errors of inputs without a result, from the lists of failures of some folders."""
     from oppload_cli.batch.plan import failed_in
     from oppload_cli.results.reading import stem_of
 
-    made: dict[Path, set[Path]] = {root: set() for root in roots}
-    for table, root in zip(tables, roots, strict=True):
-        made[root].add(table.parent.relative_to(root) / stem_of(table))
-    for root, stems in made.items():
-        yield from (error for stem, error in failed_in(root) if Path(stem) not in stems)
+    made = {table.parent / stem_of(table) for table in tables}
+    for batch in dict.fromkeys(batches):
+        yield from (error for stem, error in failed_in(batch) if batch / stem not in made)
 
 
 def _common_folder(folders: Sequence[Path]) -> Path | None:

@@ -207,7 +207,9 @@ def _report(tasks: Iterator[Task], options: RunOptions) -> int:
     folder, quiet = options.output, options.quiet
     roots = [folder] * len(tables)
     try:
-        page, code = write_pages(tables, folder, roots=roots, jobs=options.jobs, quiet=quiet)
+        page, code = write_pages(
+            tables, folder, roots=roots, batches=[folder], jobs=options.jobs, quiet=quiet
+        )
     except ResultError as error:  # none of the results has a page, but all have their files
         say(f"oppload: {error}")
         return ExitCode.INCOMPLETE

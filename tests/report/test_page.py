@@ -492,6 +492,15 @@ def test_the_index_tells_of_inputs_that_failed_and_of_incomplete_ones(
     assert "<summary>1 without a page</summary>" in index.read_text()
     found = re.findall(r">(\w+).mkv</a>(?: <span[^>]*>(\w+)</span>)?</td>", index.read_text())
     assert sorted(found) == [("one", ""), ("two", "incomplete")]
+    # An index of chosen results holds these alone, and that of folders the failures of each.
+    assert run(capsys, "report", *out.glob("*.frames.csv"), "-j", "1", "-q").returncode == 0
+    assert "without a page" not in index.read_text()
+    (out / "failures.csv").rename(tmp_path / "clips" / "failures.csv")
+    copied = tmp_path / "clips" / "one.frames.csv"
+    copied.write_bytes((out / "one.frames.csv").read_bytes())
+    (out / "failures-2-of-2.csv").unlink()
+    assert run(capsys, "report", out, copied.parent, "-o", out, "-j", "1", "-q").returncode == 0
+    assert "<summary>1 without a page</summary>" in index.read_text()
 
 
 def titles_in(index: Path) -> dict[str, str]:
