@@ -105,11 +105,17 @@ def run_inputs(
     if alone and plan.failures:
         raise SourceError(plan.failures[0].message)
     with folder_of_outputs(options.output):
-        if alone:
-            code = _run_one(next(tasks), options, opening)
-        else:
-            shown = settings.models if settings.alarm.on else ()
-            code = _Batch(plan, shown, options).run(tasks)
+        try:
+            if alone:
+                code = _run_one(next(tasks), options, opening)
+            else:
+                shown = settings.models if settings.alarm.on else ()
+                code = _Batch(plan, shown, options).run(tasks)
+        except Interrupted as stop:
+            if options.report_pages and _tables(_tasks(plan, task, options)):
+                words = shlex.join(["oppload", "report", str(options.output)])
+                raise Interrupted(f"{stop}; '{words}' makes the pages") from stop
+            raise
         if not options.report_pages:
             return code
         return _report(_tasks(plan, task, options), options) or code
@@ -198,10 +204,15 @@ def _stimulus_of(name: str) -> str:
     return f"; 'oppload stimuli generate {found[0].name}' makes the stimulus of this name"
 
 
+def _tables(tasks: Iterator[Task]) -> list[Path]:
+    """Return the tables of the results that exist."""
+    paths = [task.outputs.csv for task in tasks if task.outputs]
+    return [path for path in paths if os.path.lexists(path)]
+
+
 def _report(tasks: Iterator[Task], options: RunOptions) -> int:
     """Write the pages of the results that exist; return the exit code."""
-    paths = [task.outputs.csv for task in tasks if task.outputs]
-    tables = [path for path in paths if os.path.lexists(path)]
+    tables = _tables(tasks)
     if not tables:
         return ExitCode.DONE
     folder, quiet = options.output, options.quiet

@@ -15,8 +15,10 @@ import av
 import numpy as np
 import pytest
 
+from oppload_cli.cli import running
 from oppload_cli.errors import OutputError, ResultError
 from oppload_cli.models.registry import detector_named
+from oppload_cli.pipeline.task import Interrupted, Outcome
 from oppload_cli.report import writing
 from oppload_cli.report.page import Content
 from oppload_cli.report.writing import write_report
@@ -457,6 +459,23 @@ def test_a_run_that_is_too_short_for_a_page_keeps_its_files(
     assert done.returncode == 4
     assert "column 'opplod_response' is empty in every row" in done.stderr
     assert (tmp_path / "out" / "one.frames.csv").exists()
+
+
+def test_an_interrupted_run_says_how_to_make_the_pages(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = write_numbered_result(tmp_path, "one")
+    told = f"interrupted: all 7 rows are kept; 'oppload report {tmp_path}' makes the pages\n"
+
+    def stopped(*_arguments: object) -> None:
+        raise Interrupted("all 7 rows are kept", Outcome())  # as a camera is stopped
+
+    monkeypatch.setattr(running, "run_task", stopped)
+    command = ("run", table.with_name("one.mkv"), "-o", tmp_path, "--if-exists", "overwrite")
+    assert told not in run(capsys, *command).stderr
+    assert told in run(capsys, *command, "--report").stderr
+    table.unlink()
+    assert "makes the pages" not in run(capsys, *command, "--report").stderr
 
 
 def test_a_retry_makes_an_index_of_all_results(tmp_path: Path, capsys: Capture) -> None:
