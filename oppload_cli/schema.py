@@ -148,6 +148,11 @@ class Parameter:
         return self.type if _is_table(self.type) else None
 
 
+def _written(value: object) -> str:
+    """Return a value as the user writes it in TOML, for messages."""
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
 def _exact(bound: float) -> str:
     short = f"{bound:g}"
     return short if float(short) == bound else f"{bound:.17g}"
@@ -288,7 +293,7 @@ class Table:
         if typing.get_origin(kind) is tuple:
             kinds = typing.get_args(kind)
             if not isinstance(value, list | tuple):
-                raise cls._error(f"{label} takes a list, not {value!r}")
+                raise cls._error(f"{label} takes a list, not {_written(value)}")
             if kinds[-1] is not Ellipsis and len(value) != len(kinds):
                 raise cls._error(f"{label} takes a list of {len(kinds)} values, not {len(value)}")
             return tuple(cls._converted(declared, kinds[0], one) for one in value)
@@ -307,7 +312,9 @@ class Table:
     def _mistyped(cls, declared: Parameter, kind: Any, value: object) -> OpploadError:
         wanted = _in_words(kind) if kind is bool else f"a {_in_words(kind)}"
         none = cls._none if declared.optional else ""
-        return cls._error(f"{cls._label(declared.name)} takes {wanted}{none}, not {value!r}")
+        return cls._error(
+            f"{cls._label(declared.name)} takes {wanted}{none}, not {_written(value)}"
+        )
 
     @classmethod
     def _fraction(cls, label: str, value: Any) -> Fraction:
@@ -318,7 +325,7 @@ class Table:
             return parsed_fraction(value if isinstance(value, str) else repr(value))
         except (ValueError, TypeError, ZeroDivisionError):
             raise cls._error(
-                f"{label} takes a number or a fraction such as '30000/1001', not {value!r}"
+                f"{label} takes a number or a fraction such as '30000/1001', not {_written(value)}"
             ) from None
 
     @classmethod

@@ -83,7 +83,7 @@ def test_numbers_of_numpy_are_plain_numbers(number: Any) -> None:
         ({"inner": {"size": 0}}, "a.toml: inner: size must be above 0 px, not 0"),
         ({"inner": 3}, "a.toml: inner must be a table of keys, not 3"),
         ({"conut": 3}, "a.toml: unknown key 'conut'; did you mean 'count'?"),
-        ({"count": True}, "a.toml: count takes a whole number, not True"),
+        ({"count": True}, "a.toml: count takes a whole number, not true"),
         ({"count": 10**400}, "a.toml: count must be a finite number, not inf"),
         ({"place": [0, 2]}, "a.toml: place must be at most 1, not 2"),
         ({"place": [0]}, "a.toml: place takes a list of 2 values, not 1"),

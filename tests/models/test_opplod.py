@@ -369,7 +369,7 @@ def test_the_paper_to_the_letter_has_no_addition(name: str, value: float) -> Non
         ({"pool_sigma": float("nan")}, "must be a finite number"),
         ({"gain": "much"}, "takes a number, not 'much'"),
         ({"cell": 2.5}, "takes a whole number or none, not 2.5"),
-        ({"cell": True}, "takes a whole number or none, not True"),
+        ({"cell": True}, "takes a whole number or none, not true"),
         ({"units": "5 by 5"}, "'every' or columns x rows"),
         ({"judgement": "pixelwise"}, "'cell' of opplod must be 1 with judgement=pixelwise"),
     ],
