@@ -84,6 +84,9 @@ class Result(reading.BaseResult):
     def __repr__(self) -> str:
         name = self.sidecar.get("input", {}).get("name") or self.stem
         parts = [repr(str(name)), counted(len(self.frames), "frame")]
+        alarm = self.part("parameters").get("alarm")
+        if isinstance(alarm, dict) and alarm.get("on") is False:
+            return f"Result({', '.join([*parts, *self.models])}; alarms are off)"
         for model in self.models:
             on = self.frames[f"{model}_alarm"].fillna(0).astype(bool)
             begins = int((on & ~on.shift(fill_value=False)).sum())

@@ -99,6 +99,19 @@ def test_every_kind_of_source_gives_the_same(kind: str, tmp_path: Path) -> None:
         source.close()
 
 
+def test_frames_of_an_open_source_can_be_run_again_except_those_of_a_video(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"models": ["frame_difference"], "rmo": False}
+    with oppload.open_source(np.stack(FRAMES), rate=30) as frames:
+        first, second = (oppload.run(frames, **options) for _ in range(2))
+    pd.testing.assert_frame_equal(second.frames, first.frames)
+    assert second.sidecar["time"]["not_after_the_one_before"] == 0
+    assert second.sidecar["decode"]["decoded"] == len(FRAMES)
+    with oppload.open_video(write_video(tmp_path / "a.avi", FRAMES)) as video:
+        oppload.run(video, **options)
+        with pytest.raises(SourceError, match=r"a\.avi: has no frame left.*; open it again"):
+            oppload.run(video, **options)
+
+
 def test_a_source_of_ones_own_needs_facts_a_size_and_frames() -> None:
     frames = looming(40, 30, 12, 12)
     expected = oppload.run(np.stack(frames), rate=30, height="native")
@@ -358,6 +371,7 @@ def test_settings_reach_the_detectors() -> None:
     )  # fmt: skip
     assert result.sidecar["parameters"]["opplod"]["gain"] == 2
     assert result.sidecar["parameters"]["alarm"]["on"] is False
+    assert repr(result) == "Result('array', 14 frames, opplod, dlgmd; alarms are off)"
 
 
 def test_a_model_may_bring_its_preset() -> None:

@@ -109,7 +109,9 @@ def register(detector: type[Detector]) -> type[Detector]:
     known = detectors().get(detector.name)
     if detector.name in _TAKEN_NAMES or (known and not _is_again(known, detector)):
         raise ParameterError(f"{where}: its name is taken; choose another one")
-    if detector.parameters is Parameters:
+    inherited = "parameters" not in vars(detector)
+    # A subclass of a registered detector without parameters inherits the empty class of that one.
+    if detector.parameters is Parameters or (inherited and not detector.parameters.declared()):
         detector.parameters = _no_parameters(detector)
     others = [each for each in detectors().values() if each is not known]
     if any(each.parameters is detector.parameters for each in others):

@@ -21,6 +21,7 @@ from oppload_cli.errors import (
     OutputError,
     ParameterError,
     ShortageError,
+    SourceError,
     counted,
     reason_of,
     shortage,
@@ -287,6 +288,11 @@ class _Run:
             raise ParameterError(
                 f"{self._task.name}: has no frame in the part that --start, --end and --duration "
                 f"leave; {self._length()}"
+            )
+        if self.frames == 0 and self._decode.decoded:
+            raise SourceError(
+                f"{self._task.name}: has no frame left, as an open video gives each frame of its "
+                "span once; open it again"
             )
 
     def _length(self) -> str:

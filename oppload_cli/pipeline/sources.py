@@ -84,16 +84,20 @@ class _Drawn(ABC):
     """Base of sources whose pictures are computed or in memory, with the interface of `Video`."""
 
     def __init__(self, facts: InputFacts, height: int | None) -> None:
-        self.facts, self.decode = facts, DecodeFacts()
-        self.times = FrameTimes(facts.frame_rate)
+        self.facts = facts
         self.working = WorkingSize.of(facts, height)
+        self._begin()
         self._luminance = ArrayLuminance(self.working)
+
+    def _begin(self) -> None:
+        self.decode, self.times = DecodeFacts(), FrameTimes(self.facts.frame_rate)
 
     def __repr__(self) -> str:
         name = type(self).__name__.lstrip("_")
         return f"{name}({self.facts.name!r}, {sizes_in_words(self.facts, self.working)})"
 
     def __iter__(self) -> Iterator[Frame]:
+        self._begin()  # unlike those of a video, the frames can be had again
         for index, (time_s, values) in enumerate(self._pictures()):
             self.decode.decoded += 1
             luma = self._luminance(values, f"array: frame {index}")

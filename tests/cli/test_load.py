@@ -223,7 +223,7 @@ def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(
     assert refused.returncode == 2
     assert refused.stderr == (
         f"oppload: {table.name}: its detector 'darkening' is not known here; load it, as in "
-        "'oppload --load FILE.py ...'\n"
+        "'oppload --load FILE.py ...', or register its class\n"
     )
     for command in (("plot", table.name), ("tune", "bar-expand-60"), ("run", "a.avi")):
         unknown = run(capsys, *command, "--model", "darkening")

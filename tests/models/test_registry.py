@@ -168,6 +168,29 @@ def test_a_registered_detector_is_known_everywhere() -> None:
     assert list(registry.detectors()) == NAMES
 
 
+def test_a_subclass_of_a_detector_without_parameters_has_its_own() -> None:
+    class Plain(Detector):
+        name, label, colour, meaning = "plain", "Plain", "#123456", "for this test"
+
+        def step(self, luma: Map) -> Response:
+            return Response(float(luma[0, 0]))
+
+        def reset(self) -> None:
+            pass
+
+    class Second(Plain):
+        name = "second"
+
+    try:
+        for kind in (Plain, Second, Second):
+            registry.register(kind)
+        for kind in (Plain, Second):
+            assert registry.detector_of(registry.parameters_of(kind.name)) is kind
+    finally:
+        for name in ("plain", "second"):
+            registry.forget(name)
+
+
 @pytest.mark.parametrize("column", [each.name for each in (*COMMON, *RMO) if "_" in each.name])
 def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> None:
     name, own = column.split("_", 1)
