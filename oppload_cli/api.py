@@ -86,11 +86,16 @@ class Result(reading.BaseResult):
         parts = [repr(str(name)), counted(len(self.frames), "frame")]
         alarm = self.part("parameters").get("alarm")
         if isinstance(alarm, dict) and alarm.get("on") is False:
-            return f"Result({', '.join([*parts, *self.models])}; alarms are off)"
-        for model in self.models:
-            on = self.frames[f"{model}_alarm"].fillna(0).astype(bool)
-            begins = int((on & ~on.shift(fill_value=False)).sum())
-            parts.append(f"{model}: {counted(begins, 'alarm')}")
+            parts += [*self.models, "alarms are off"]
+        else:
+            for model in self.models:
+                on = self.frames[f"{model}_alarm"].fillna(0).astype(bool)
+                begins = int((on & ~on.shift(fill_value=False)).sum())
+                parts.append(f"{model}: {counted(begins, 'alarm')}")
+        if self.part("decode").get("complete") is False:
+            parts.append("incomplete: see sidecar['decode']")
+        if remarks := self.sidecar.get("remarks"):
+            parts.append(f"{counted(len(remarks), 'remark')}: see sidecar['remarks']")
         return f"Result({', '.join(parts)})"
 
     @property

@@ -281,12 +281,19 @@ def test_the_layers_of_a_model() -> None:
         (np.zeros((4, 9, 9), np.uint8), {"rate": "30"}, ParameterError, "not '30'"),
         (np.zeros((4, 9, 9), np.uint8), {"times": [0, 1, 2]}, ParameterError, "each of the 4 f"),
         (np.zeros((4, 9, 9), np.uint8), {"times": [0, 1, 2, np.nan]}, ParameterError, "finite"),
+        (
+            np.zeros((4, 9, 9), np.uint8),
+            {"times": pd.timedelta_range(0, periods=4, freq="33ms")},
+            ParameterError,
+            "times must be finite numbers of seconds",
+        ),
         ("controls/size-steps", {"times": [0, 1]}, ParameterError, "only an array of frames"),
         (np.zeros((9, 9), np.uint8), {"rate": 30}, SourceError, r"its shape is \(9, 9\)"),
         (np.zeros((4, 9, 9), np.int64), {"rate": 30}, SourceError, "its type is int64"),
         (np.full((4, 9, 9), 2.0), {"rate": 30}, SourceError, "frame 0 holds values outside"),
         ([np.zeros((9, 9)), np.zeros((9, 8))], {"rate": 30}, SourceError, "differ in shape"),
         (3, {}, SourceError, "int: holds no frames"),
+        (["a.mp4", "b.mp4"], {}, SourceError, "a list of names .* take one name after the other"),
         ("missing.mp4", {}, SourceError, "missing.mp4"),
         ("controls/size-steps", {"height": 0}, ParameterError, "height must be"),
         ("a\0b", {}, SourceError, "no such file"),
@@ -351,6 +358,16 @@ def test_a_path_is_no_result(name: str) -> None:
         plot("results/video.frames.csv")
 
 
+def test_a_result_shows_that_its_input_is_doubtful(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.avi", FRAMES)
+    whole = video.read_bytes()
+    video.write_bytes(whole[: len(whole) * 3 // 4])
+    result = oppload.run(video, models=["dlgmd"], rmo=False, height=240)
+    said = "1 remark: see sidecar['remarks'])"
+    assert repr(result).endswith(f", incomplete: see sidecar['decode'], {said}")
+    assert len(result.sidecar["remarks"]) == 1
+
+
 def test_a_run_leaves_the_number_of_opencv_threads() -> None:
     threads = cv2.getNumThreads()
     try:
@@ -371,7 +388,7 @@ def test_settings_reach_the_detectors() -> None:
     )  # fmt: skip
     assert result.sidecar["parameters"]["opplod"]["gain"] == 2
     assert result.sidecar["parameters"]["alarm"]["on"] is False
-    assert repr(result) == "Result('array', 14 frames, opplod, dlgmd; alarms are off)"
+    assert repr(result) == "Result('array', 14 frames, opplod, dlgmd, alarms are off)"
 
 
 def test_a_model_may_bring_its_preset() -> None:

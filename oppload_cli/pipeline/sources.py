@@ -195,7 +195,10 @@ def checked_rate(rate: float | Fraction | None) -> Fraction | None:
 
 def _checked_times(times: Times, count: int) -> list[float]:
     try:
-        values = np.asarray(times, np.float64)
+        values = np.asarray(times)
+        if values.dtype.kind in "mM":  # dates and durations, which NumPy would take for integers
+            raise TypeError
+        values = values.astype(np.float64)
     except (TypeError, ValueError):
         values = np.full(1, np.nan)
     if not np.isfinite(values).all():
@@ -287,6 +290,8 @@ def open_source(
     if isinstance(source, str) and _is_stimulus(source):
         source = stimulus.load(source)
     is_array = isinstance(source, np.ndarray | list | tuple)
+    if isinstance(source, list | tuple) and source and isinstance(source[0], str | Path):
+        raise SourceError("a list of names is no source of frames; take one name after the other")
     if times is not None and not is_array:
         raise ParameterError(
             "only an array of frames takes times; other sources have times of their own"
