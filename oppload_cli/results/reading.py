@@ -107,7 +107,7 @@ class BaseResult:
                 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Tuning:
     """One tuning table.
 
@@ -133,6 +133,10 @@ class Tuning:
     rows: pd.DataFrame
     parameters: tuple[str, ...]
     sidecar: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        rows, swept = counted(len(self.rows), "row"), ", ".join(self.parameters)
+        return f"Tuning({self.path.name!r}, {rows} over {swept}: {', '.join(self.models)})"
 
     @property
     def models(self) -> tuple[str, ...]:

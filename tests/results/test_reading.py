@@ -70,7 +70,10 @@ def test_a_row_that_was_cut_is_left_out_whatever_the_length_of_the_table(
 def test_a_tuning_table_without_a_sidecar_is_of_no_symmetric_stimulus(tmp_path: Path) -> None:
     values, peaks = {"bar.axis_deg": [0.0, 90.0]}, {"opplod": [1.0, 2.0]}
     path = write_tuning(tmp_path / "a.tuning.csv", values, peaks, symmetric=True)
-    assert read_tuning(path).symmetric
+    tuning = read_tuning(path)
+    assert tuning.symmetric
+    assert repr(tuning) == "Tuning('a.tuning.csv', 2 rows over bar.axis_deg: opplod)"
+    assert tuning != read_tuning(path)  # no comparison of tables, which raises a ValueError
     path.with_suffix(".json").unlink()
     assert not read_tuning(path).symmetric
 
