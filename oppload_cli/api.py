@@ -294,6 +294,11 @@ def run(
         raise ParameterError(
             f"settings must be a dict, e.g. {{'opplod.gain': 2}}, not {settings!r:.60}"
         )
+    if not isinstance(rmo, bool):
+        raise ParameterError(
+            f"rmo must be True or False, not {rmo!r:.60}; its parameters go into settings, "
+            "e.g. {'rmo.grid': 20}"
+        )
     chosen = resolve(
         preset=preset,
         models=list(names),

@@ -303,6 +303,7 @@ def test_the_layers_of_a_model() -> None:
         ("controls/size-steps", {"models": ["lgmd"]}, ParameterError, "no model 'lgmd'"),
         ("controls/size-steps", {"models": [oppload.Opplod]}, ParameterError, "list of names"),
         ("controls/size-steps", {"models": oppload.Opplod}, ParameterError, "list of names"),
+        ("controls/size-steps", {"rmo": oppload.RmoParams()}, ParameterError, "rmo must be True"),
         ("controls/size-steps", {"settings": {"opplod.gian": 1}}, ParameterError, "'gain'"),
         ("controls/size-steps", {"settings": ["opplod.gain=2"]}, ParameterError, "must be a dict"),
     ],
@@ -332,6 +333,11 @@ def test_a_model_takes_its_own_parameters(params: Any) -> None:
         ParameterError, match=r"class OpplodParams, such as parameters_of\('opplod'"
     ):
         oppload.Opplod((60, 80), params)
+
+
+def test_a_span_of_two_numbers_is_refused() -> None:
+    with pytest.raises(ParameterError, match=r"span must be a Span, e\.g\..*, not \(1, 2\)"):
+        oppload.open_video("missing.mp4", span=(1, 2))  # type: ignore[arg-type]
 
 
 def test_a_rate_may_be_as_low_as_a_frame_a_week() -> None:

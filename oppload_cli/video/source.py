@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from oppload_cli.errors import SourceError
+from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.files.reading import is_folder, is_there
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.frames import (
@@ -174,6 +174,10 @@ def open_video(
     ...
     oppload_cli.errors.SourceError: missing.mp4: ...
     """
+    if not isinstance(span, Span | None):
+        raise ParameterError(
+            f"span must be a Span, e.g. Span(start=Position(seconds=1.5)), not {span!r:.60}"
+        )
     # A thread opens the input, because Ctrl-C has no effect while a library call blocks.
     source = Call(lambda: source_of(str(name), image_rate, threads)).result()
     return Video(source, height, span or Span(), colour=colour)
