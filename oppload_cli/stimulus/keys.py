@@ -58,7 +58,7 @@ def key_of(
     names = dict.fromkeys(key.rpartition(".")[2] for key in WORDS[word])
     known = [each for each in WORDS if len(_meant(each, table, sweep)) == 1]
     raise ParameterError(
-        f"{option} {word}: no object of {name} has {' or '.join(names)}; {option} takes "
+        f"{option} {word}: no object of {name} has {' or '.join(names)}; choose "
         f"{', '.join(known)}, or a full key such as scene.rotation_deg"
     )
 

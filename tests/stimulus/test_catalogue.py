@@ -183,7 +183,7 @@ def test_settings() -> None:
         ("disc.size_deg", "did you mean 'disk'"),
         ("disk.sise_deg", "did you mean 'size_deg'"),
         ("lv", "a key starts with display.KEY, .*, disk.KEY, or is seed or axis or .* l/v"),
-        ("width", "settings width: no object of klapoetke2017/loom has width_deg; settings takes"),
+        ("width", "settings width: no object of klapoetke2017/loom has width_deg; choose"),
     ):
         with pytest.raises(StimulusError, match=words):
             stimulus.load("klapoetke2017/loom", {dotted: 3})

@@ -373,12 +373,12 @@ def test_a_sweep_of_the_seed_shows_other_noise() -> None:
         (
             "klapoetke2017/loom",
             ["l/v=1,2"],
-            "--over l/v: no object of klapoetke2017/loom has l_over_v_ms; --over takes axis, ",
+            "--over l/v: no object of klapoetke2017/loom has l_over_v_ms; choose axis, ",
         ),
         (
             "klapoetke2017/loom-l-over-v",
             ["width=10"],
-            "--over width: no object of klapoetke2017/loom-l-over-v has width_deg; --over takes "
+            "--over width: no object of klapoetke2017/loom-l-over-v has width_deg; choose "
             "axis, direction, l/v, position, or a full key such as scene.rotation_deg",
         ),
         ("klapoetke2017/loom", ["position=0,10"], r"write position=\[\[0,0\],\[10,0\]\]$"),
