@@ -48,7 +48,7 @@ def cannot_write(path: Path, error: OSError) -> OpploadError:
         return ShortageError(f"{path}: cannot be written, because {short}")
     return OutputError(
         f"{path}: cannot be written ({reason_of(error)}); check the folder and the space on its "
-        f"disk, or choose another place"
+        "disk, or choose another --output"
     )
 
 

@@ -361,12 +361,13 @@ class _Run:
             true = self._display.degrees(facts.width)
             if abs(fov / true - 1) > _CONTRADICTION:
                 remarks.append(
-                    f"fov says {fov:.4g} degrees, but the ground truth {true:.4g}; fov is used"
+                    f"the field of view given is {fov:.4g} degrees, but that of the ground truth "
+                    f"{true:.4g}; the given one is used"
                 )
         if fov is not None and aspect and aspect != 1:
             remarks.append(
-                f"has pixels of an aspect of {float(aspect):.4g}, but fov is meant for square "
-                "pixels: vertical angles are wrong"
+                f"has pixels of an aspect of {float(aspect):.4g}, but the field of view is meant "
+                "for square pixels: vertical angles are wrong"
             )
         remarks += self._repeats.remarks(self._rate)
         remarks += self.video.working.remarks()

@@ -53,7 +53,10 @@ def test_a_field_of_view_that_the_ground_truth_contradicts_gives_a_remark(
 ) -> None:
     for fov, told in ((60.0, False), (90.0, True)):  # 300 px at 5 px/deg
         _, sidecar = done(stimulus, tmp_path / f"{fov}", fov=fov)
-        said = "fov says 90 degrees, but the ground truth 60; fov is used"
+        said = (
+            "the field of view given is 90 degrees, but that of the ground truth 60; "
+            "the given one is used"
+        )
         assert (said in sidecar["remarks"]) == told
 
 
@@ -114,7 +117,7 @@ def test_pixels_that_are_no_squares_give_a_remark(tmp_path: Path, aspect: Fracti
         container.mux(stream.encode())
     for fov in (None, 90.0):
         _, sidecar = done(video, tmp_path / f"{fov}", fov=fov)
-        said = "has pixels of an aspect of 1.333, but fov is meant for square pixels"
+        said = "has pixels of an aspect of 1.333, but the field of view is meant for square pixels"
         told = any(said in each for each in sidecar["remarks"])
         assert told == (aspect != 1 and fov is not None)
 

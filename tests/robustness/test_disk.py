@@ -139,7 +139,7 @@ def words(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Pat
 def one_sentence(done: Done, sentence: str) -> None:
     assert done.returncode == 2, done
     assert sentence in done.stderr
-    assert "; check the folder and the space on its disk, or choose another place" in done.stderr
+    assert "; check the folder and the space on its disk, or choose another --output" in done.stderr
     lines = [line for line in done.stderr.splitlines() if not line.startswith("note: ")]
     assert (len(lines), done.stdout) == (1, "")
 
