@@ -17,10 +17,15 @@ def entry() -> NoReturn:
     """
     # oppload multiplies no large matrices; starting threads for them takes 0.1 s.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # OpenCV prints lines if the system refuses a thread; oppload's error says the same.
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    # OpenCV prints lines if the system refuses a thread; oppload's error says the same. With some
+    # levels it prints to standard output, which is for data.
+    os.environ["OPENCV_LOG_LEVEL"] = "SILENT"
     # Figures become files, so that matplotlib needs no display.
     os.environ["MPLBACKEND"] = "agg"
+    # Figures hold no date, but matplotlib fails at a value that is none.
+    os.environ.pop("SOURCE_DATE_EPOCH", None)
+    # Else a process of `--jobs` would run a `signal.py` of the current folder in place of Python's.
+    os.environ["PYTHONSAFEPATH"] = "1"
     # With these allocators, Arrow starts no thread.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("JE_ARROW_MALLOC_CONF", "background_thread:false")

@@ -17,7 +17,7 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.models import LOAD, registry
 from tests.cli import inside
 from tests.cli.inside import run
-from tests.cli.process import oppload
+from tests.cli.process import ENTRY, oppload, python
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -65,7 +65,11 @@ def test_a_loaded_detector_runs_also_in_other_processes(own: Path, tmp_path: Pat
     for name in ("a.avi", "b.avi"):
         write_video(tmp_path / name, frames)
     words = ("run", "a.avi", "b.avi", "none.avi", "-j", "2", "-o", "out", "--model", "darkening")
-    done = oppload("--load", "own.py", *words, "--no-rmo", "--height", "native", cwd=tmp_path)
+    # No process may take a script of the user for a module of Python.
+    (tmp_path / "signal.py").write_text("raise SystemExit('a script was run')")
+    entry = f"import sys; del sys.path[0]; {ENTRY}"  # the installed script has no such path
+    more = ("--no-rmo", "--height", "native")
+    done = python(entry, "--load", "own.py", *words, *more, cwd=tmp_path)
     assert done.returncode == 4, done.stderr
     shares = [float((before.astype(int) > now).mean()) for before, now in pairwise(frames)]
     for stem in ("a", "b"):

@@ -263,9 +263,10 @@ def test_the_settings_of_matplotlib_of_a_user_change_nothing(
     table = write_result(tmp_path / "a.frames.csv")
     settings = tmp_path / "matplotlibrc"
     settings.write_text("text.usetex: True\nfont.size: 30\nsavefig.bbox: tight\n")
-    plain, own = tmp_path / "plain.png", tmp_path / "own.png"
+    plain, own = tmp_path / "plain.svg", tmp_path / "own.svg"
     assert run(capsys, "plot", table, "-o", plain).returncode == 0
-    done = oppload("plot", table, "-o", own, MPLBACKEND="nosuch", MATPLOTLIBRC=str(settings))
+    words, rc = ("plot", table, "-o", own), str(settings)
+    done = oppload(*words, MPLBACKEND="nosuch", MATPLOTLIBRC=rc, SOURCE_DATE_EPOCH="today")
     assert (done.returncode, done.stderr) == (0, "")
     assert plain.read_bytes() == own.read_bytes()
 
