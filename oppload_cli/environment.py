@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 from oppload_cli.compute.loops import arithmetic, why_not_wide, why_portable
 from oppload_cli.processes import cores
 from oppload_cli.version import __version__
@@ -46,7 +48,7 @@ def _versions() -> dict[str, str | None]:
     for folder in (each for place in sys.path for each in Path(place).glob("*.*-info")):
         name, _, version = folder.stem.partition("-")
         found.setdefault(name.lower().replace("_", "-"), version)
-    # OpenCV is also installed as opencv-python.
-    return {
-        name: found.get(name) or found.get(name.removesuffix("-headless")) for name in _LIBRARIES
-    }
+    # OpenCV has several packages, which overwrite each other: only the library itself knows.
+    package = getattr(cv2, "version", None)
+    found["opencv-python-headless"] = getattr(package, "opencv_version", cv2.__version__)
+    return {name: found.get(name) for name in _LIBRARIES}

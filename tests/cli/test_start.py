@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import cv2
+import numpy as np
+
 from oppload_cli.pipeline.settings import resolve
 from tests.cli.inside import oppload
 from tests.cli.process import ENTRY, HEAVY, loaded, python
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import pytest
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -65,11 +70,15 @@ def test_printed_angles_keep_all_digits(tmp_path: Path) -> None:
     assert settings.angles == {"opplod.receptive_field": 60.123456789}
 
 
-def test_info_names_the_versions() -> None:
+def test_info_names_the_versions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A package that was installed before another one of the same library.
+    (tmp_path / "opencv_python_headless-4.9.0.80.dist-info").mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
     facts = json.loads(oppload("info", "--json").stdout)
     assert facts["cores"] >= 1
     assert set(facts["libraries"]) >= {"numpy", "av", "click"}
-    assert facts["libraries"]["numpy"] is not None
+    assert facts["libraries"]["numpy"] == np.__version__
+    assert facts["libraries"]["opencv-python-headless"].startswith(cv2.__version__)
 
 
 def test_the_process_exits_with_everything_printed_and_registered_functions_called() -> None:
