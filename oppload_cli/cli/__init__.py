@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 
-# Address space that loading the libraries of a command takes at least.
+# Memory that loading the libraries of a command takes at least.
 _LIBRARY_BYTES = 150 << 20
 _ARROW_BYTES = 800 << 20  # for commands that load pandas, which loads Arrow if it is installed
 _WITH_PANDAS = {"collect", "plot", "report", "tune", "evaluate", "benchmark", "reproduce", "demo"}
@@ -204,9 +204,11 @@ def _check_memory(command: str) -> None:
     """
     if sys.platform == "win32":  # has no such limit
         return
-    if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
+    limits = (resource.getrlimit(each)[0] for each in (resource.RLIMIT_AS, resource.RLIMIT_DATA))
+    if any(limit != resource.RLIM_INFINITY for limit in limits):
         with_arrow = command in _WITH_PANDAS and find_spec("pyarrow")
-        mmap.mmap(-1, _ARROW_BYTES if with_arrow else _LIBRARY_BYTES).close()
+        private = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS  # RLIMIT_DATA counts no shared memory
+        mmap.mmap(-1, _ARROW_BYTES if with_arrow else _LIBRARY_BYTES, private).close()
         import numpy as np
 
         square = np.ones((256, 256))

@@ -92,8 +92,9 @@ MEMORY = [60, 80, 100, 120, 150, 200, 300]
     "megabytes",
     [pytest.param(each, marks=() if each == 100 else pytest.mark.slow) for each in MEMORY],
 )
-def test_little_memory(clip: Path, tmp_path: Path, megabytes: int) -> None:
-    done = ended(tmp_path / "case", commands(clip)["alone"], **{"as": megabytes * 1000 * 1024})
+@pytest.mark.parametrize("limit", ["as", "data"])
+def test_little_memory(clip: Path, tmp_path: Path, megabytes: int, limit: str) -> None:
+    done = ended(tmp_path / "case", commands(clip)["alone"], **{limit: megabytes * 1000 * 1024})
     assert done.code in {0, 3}, done.stderr
     assert done.code == 0 or "memory is short" in done.stderr
     if megabytes == 100:
