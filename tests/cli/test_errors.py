@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
@@ -218,6 +219,22 @@ def test_closed_standard_streams_are_no_bug(clip: Path, tmp_path: Path) -> None:
         ("stimuli", "generate", "controls/appearing-disk", "-o", tmp_path, *SHORT): 0,
     }
     assert process.in_turn(*codes, prefix=CLOSED).returncodes == list(codes.values())
+
+
+# Exits with the lower number of a pipe that a further process has opened.
+PIPE = """
+import subprocess, sys
+import oppload_cli.__main__ as command
+command.main = lambda: sys.exit(subprocess.call([
+    sys.executable, "-c", "import os; os._exit(min(os.pipe()))"]))
+command.entry()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX shell")
+def test_no_pipe_has_the_number_of_a_closed_standard_stream() -> None:
+    done = subprocess.run([*CLOSED, sys.executable, "-c", PIPE], check=False, timeout=60)
+    assert done.returncode > 2
 
 
 @pytest.mark.slow
