@@ -37,9 +37,12 @@ def formats() -> str:
     tables = {name: columns_with(name, each) for name, each in detectors().items()}
     parts = [above + "### Every result", columns(COMMON)]
     parts += [line for name in default_names() for line in tables.pop(name)]
-    seen = "Each detector with a box has also, with its name in front:\n"
+    seen = "Each detector that has a box also has these columns, with its name in front:\n"
     parts += ["### With `--columns all`", columns(COMMON_DETAILS)]
-    seen_by = "Each detector has also, with its name in front, the first; one with a box has all:\n"
+    seen_by = (
+        "Each detector also has the first of these columns, with its name in front; a detector"
+        " that has a box has all of them:\n"
+    )
     parts += [seen_by, columns(ALARM_DETAILS)]
     parts += ["### With `--fov`, and for stimuli with ground truth", seen, columns(VIEW)]
     parts += ["### Unless `--no-rmo`", columns(RMO) + below]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def config(**chosen: Any) -> None:
     """Print every setting as TOML, with its origin as a comment.
 
-    Save the output to a file, and --config reads the settings from it.
+    If you save the output to a file, --config reads the settings from it.
     """
     from oppload_cli.pipeline.settings import resolve
 

@@ -72,7 +72,7 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
     type=click.IntRange(100, 100_000),
     default=1000,
     show_default=True,
-    help="Draws of the bootstrap that gives the intervals.",
+    help="Draws of the bootstrap that gives the confidence intervals.",
 )
 @if_exists_option("a result")
 @click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")

@@ -284,7 +284,7 @@ def settings_options(
         click.option(
             "--height",
             metavar="PX|native",
-            help="Working height (of upright pictures: width); the other side follows.  "
+            help="Working height (of portrait videos: width); the other side follows.  "
             f"[default: {PRESETS[DEFAULT_PRESET].height}, preset paper {PRESETS['paper'].height}]",
         ),
         repeats_option,
@@ -308,7 +308,7 @@ def settings_options(
             click.option(
                 "--columns",
                 metavar="usual|all",
-                help="Columns of the table; all: also inner values, and details of the alarm.",
+                help="Columns of the table; all adds inner values and details of the alarm.",
             ),
         ]
 

@@ -61,9 +61,9 @@ _EFFECTS = {
 @click.option(
     "--kind",
     type=click.Choice(["curves", "rmo", "map", *_TUNING_KINDS]),
-    help="Responses or RMO over time, places of the winning units; of a table of 'oppload tune': "
-    "polar, line, heat, or the classic figures that 'oppload tune --figure' measures.  "
-    "[default: the one that suits the file]",
+    help="curves: responses over time; rmo: RMO over time; map: places of the winning units. The "
+    "other kinds draw a table of 'oppload tune', the last five as classic figures (see 'oppload "
+    "tune --figure').  [default: the one that suits the file]",
 )
 @click.option(
     "--model",
@@ -93,7 +93,7 @@ _EFFECTS = {
     metavar="NAME",
     help="Name of a result, once for each, in their order.  [default: their differences]",
 )
-@click.option("--threshold/--no-threshold", default=True, help="The alarm's threshold in curves.")
+@click.option("--threshold/--no-threshold", default=True, help="Draw the alarm's threshold.")
 @click.option("--onset", metavar="POSITION", help="Mark an onset: 1.5 (s) or f50.")
 @click.option("--contact", metavar="POSITION", help="Mark a contact: 2.5 (s) or f80.")
 @click.option(
@@ -102,7 +102,7 @@ _EFFECTS = {
     metavar="FILE.csv",
     help="Mark onsets and contacts of a manifest of 'oppload evaluate'.",
 )
-@click.option("--any-length", is_flag=True, help="Allow results of different lengths together.")
+@click.option("--any-length", is_flag=True, help="Let inputs of different lengths share a panel.")
 @click.option("--video", metavar="INPUT", help="For --kind map: the video, if it was moved.")
 @click.option(
     "--lplc2",
@@ -114,7 +114,7 @@ _EFFECTS = {
 @click.option(
     "--published/--no-published",
     default=True,
-    help="For --kind contact and ends: numbers of published neurons.",
+    help="For --kind contact and ends: draw published neurons too.",
 )
 @click.option("--show", is_flag=True, help="Open the figures, where there is a display.")
 def plot(
@@ -123,12 +123,12 @@ def plot(
     """Plot results over time, or tuning.
 
     RESULT is a frames.csv of 'oppload run', a tuning.csv of 'oppload tune', or a folder,
-    which stands for all results of 'oppload run' in it, to any depth. One
-    detector (--model) over several inputs shares one panel; several detectors get a
-    panel per input; more than six curves become small multiples, and more than 24
-    results a heat map. A NAME.stimulus.json beside a result is drawn as a strip of
-    ground truth. If one of several results cannot be drawn, a message names it, and the
-    others are drawn.
+    which stands for all results of 'oppload run' in it, to any depth. The curves of one
+    detector (--model) over several inputs share a panel; with several detectors, each
+    input has a panel. More than six curves have small panels, and more than 24 results
+    make a heat map. A NAME.stimulus.json beside a result is drawn as a strip of ground
+    truth. If one of several results cannot be drawn, a message names it, and the others
+    are drawn.
     """
     from oppload_cli.plots import style
 

@@ -1,6 +1,6 @@
 """Progress and outcome of inputs on standard error.
 
-On a terminal the progress is a bar, elsewhere a line in 30 seconds.
+On a terminal the progress is a bar, elsewhere a line every 30 seconds.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``oppload run``: its options, and the begin of decoding; ``cli.running`` does the rest."""
+"""``oppload run``: its options, and the start of decoding; ``cli.running`` does the rest."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from oppload_cli.video.opening import Opening, is_video_file
 )
 @click.option("--dry-run", is_flag=True, help="Print the plan, and do nothing.")
 @click.option("--start", metavar="POSITION", help="First frame: 12.5 (s), f300 or 00:01:02.5.")
-@click.option("--end", metavar="POSITION", help="Stop before this.")
+@click.option("--end", metavar="POSITION", help="Stop before this position.")
 @click.option("--duration", metavar="POSITION", help="Stop this long after the start.")
 @click.option(
     "--image-rate",

@@ -58,7 +58,7 @@ class AlarmParams(Parameters):
         "the alarm starts once evidence was above the threshold for this time; 0: at one frame",
     )
     window_s: float = _seconds(
-        0.0, "latest time within which evidence must be above the threshold for enough_s"
+        0.0, "length of the latest time in which evidence must be above the threshold for enough_s"
     )
     release: float = parameter(
         0.5,
@@ -235,22 +235,24 @@ class PlaceParams(Parameters):
         low=0,
         high=1,
     )
-    most: int = parameter(5, "most objects in a frame", unit="objects", low=1, high=100)
+    most: int = parameter(
+        5, "largest number of objects in a frame", unit="objects", low=1, high=100
+    )
     gap_s: float = _seconds(0.2, "time for which an object keeps its number without being seen")
     memory_s: float = parameter(
         0.4, "time over which the growth of an object is measured", low=0.01, high=60
     )
     least_frames: int = parameter(
         4,
-        "least number of growths for a time to contact; one less if the error of a single growth "
-        "is below half of largest_error",
+        "least number of measured growths for a time to contact; one less if the error of a single "
+        "growth is below half of largest_error",
         unit="growths",
         low=3,
         high=1000,
     )
     least_s: float = _seconds(0.118, "least time over which these growths extend")
     least_growth: float = parameter(
-        1.15, "least growth of the size over the frames for a time to contact", low=1, high=100
+        1.15, "least total growth of the size for a time to contact, as a factor", low=1, high=100
     )
     largest_error: float = parameter(
         0.2, "largest standard error of a time to contact, as a share of it", low=0.001, high=10

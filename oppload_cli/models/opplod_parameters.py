@@ -142,23 +142,24 @@ class OpplodParams(DpcParams):
     )
     sudden: float = parameter(
         0.15,
-        "no alarm begins unless R, now and one interval ago, without persistence, is at least this "
-        "share of R; only with judgement=pooled; 0: it may begin",
+        "an alarm begins only if R without persistence, both now and one interval ago, is at least "
+        "this share of R; only with judgement=pooled; 0: it may begin",
         low=0,
         high=1,
     )
     history: float = parameter(
         0.125,
-        "S of a cell counts only if the change nearby, both one and two intervals ago, was at "
-        "least this share of the present change; otherwise motion has only just begun; 0: S "
-        "always counts",
+        "S of a cell counts only if the change near the cell was, both one and two intervals ago, "
+        "at least this share of the present change; a smaller change means that motion has only "
+        "just begun; 0: S always counts",
         low=0,
         high=1,
     )
     adaptation_level: float = parameter(
         0.035,
         "if the background of R is above this level, R is multiplied by level / background; the "
-        "background is the median of the best unit's R, all motion counted; 0: never",
+        "background is the median of the winning unit's R, which includes the motion that history "
+        "leaves out; 0: never",
         low=0,
         high=1e9,
     )

@@ -8,10 +8,10 @@ is 1.
 
 Angular thresholds and delays: a neuron whose response peaks a delay d after an object is seen
 under the angle A peaks ``(l/v) / tan(A / 2) - d`` before contact. The numbers stand in the texts
-of the papers or in a program of their authors, so that their error is that of rounding. The
-response of the fly's giant fibre to size alone, without the input of LC4 neurons, is excitation
-that is largest at an angle and inhibition that comes later and is left out here; Ache et al. 2019
-(Curr Biol 29:1073) attribute this input to LPLC2 neurons.
+of the papers or in a program of their authors, so that their error is that of rounding. The fly's
+giant fibre has an input that depends on the size alone, besides the input of LC4 neurons. Its
+excitation is largest at a certain angle; its inhibition comes later and is left out here. Ache et
+al. 2019 (Curr Biol 29:1073) attribute this input to LPLC2 neurons.
 """
 
 from __future__ import annotations
