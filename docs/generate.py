@@ -40,8 +40,8 @@ def formats() -> str:
     seen = "Each detector that has a box also has these columns, with its name in front:\n"
     parts += ["### With `--columns all`", columns(COMMON_DETAILS)]
     seen_by = (
-        "Each detector also has the first of these columns, with its name in front; a detector"
-        " that has a box has all of them:\n"
+        "Each detector also has the column `over_threshold`, with its name in front; a detector"
+        " that has a box has all of these columns:\n"
     )
     parts += [seen_by, columns(ALARM_DETAILS)]
     parts += ["### With `--fov`, and for stimuli with ground truth", seen, columns(VIEW)]

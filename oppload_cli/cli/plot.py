@@ -76,8 +76,8 @@ _EFFECTS = {
 @click.option(
     "--scale",
     type=click.Choice(["threshold", "peak", "raw"]),
-    help="Responses over the alarm's threshold (logarithmic), over the peak, or in their own "
-    "unit.  [default: threshold; of tuning: peak]",
+    help="Responses divided by the alarm's threshold (logarithmic), divided by the peak, or in "
+    "their own unit.  [default: threshold; of tuning: peak]",
 )
 @click.option(
     "--align",

@@ -166,16 +166,16 @@ MEASURES = {
 INTERVALS = (
     "A bootstrap draws clips with replacement: as many clips with an approach, and as many "
     "without, as there are. Several approaches in one video are drawn together. The seed is "
-    "fixed; `--draws` sets the number of draws, 1000 by default. 95 % of them give a value in the "
-    "interval. The interval says how far a value depends on the choice of clips of these kinds; "
-    "it says nothing about other kinds of clips. For 12 or 40 simulated clips, the intervals of "
-    "shares and rates held the true value in 86 to 99 % of 1000 cases each. A threshold chosen on "
-    "the same clips keeps to its rate of false alarms there, so the interval of that rate says "
-    "nothing about new footage; the interval held out does. If all draws give the same value, the "
-    "interval is the exact one: that of Clopper and Pearson for a share, and that of a Poisson "
-    "process for a rate. Without a false alarm in T minutes, the upper bound of the rate is 3 / T "
-    "(the rule of three): at a higher rate, a false alarm would have come with a probability of "
-    "more than 95 %."
+    "fixed; `--draws` sets the number of draws, 1000 by default. 95 % of the draws give a value "
+    "in the interval. The interval says how far a value depends on the choice of clips of these "
+    "kinds; it says nothing about other kinds of clips. For 12 or 40 simulated clips, the "
+    "intervals of shares and rates held the true value in 86 to 99 % of 1000 cases each. A "
+    "threshold chosen on the same clips keeps to its rate of false alarms there, so the interval "
+    "of that rate says nothing about new footage; that of a held-out threshold does. If all draws "
+    "give the same value, the interval is the exact one: that of Clopper and Pearson for a share, "
+    "and that of a Poisson process for a rate. Without a false alarm in T minutes, the upper "
+    "bound of the rate is 3 / T (the rule of three): at a higher rate, a false alarm would have "
+    "come with a probability of more than 95 %."
 )
 
 

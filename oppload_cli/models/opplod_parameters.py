@@ -16,7 +16,7 @@ _LEAST_SIGMA = 0.01  # cells; with a smaller sigma no cell is pooled with its ne
 
 @dataclass(frozen=True, kw_only=True)
 class OpplodParams(DpcParams):
-    """Parameters of OppLoD: the DPC constants, opponency and enhancing (sections 4 and 5).
+    """Parameters of OppLoD: DPC, opponency and enhancing (``docs/model.md``, sections 4 and 5).
 
     Examples
     --------

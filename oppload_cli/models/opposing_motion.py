@@ -1,4 +1,4 @@
-"""Opposing motion judgement (OMJ), made to work (``docs/model.md``, section 5).
+"""Opposing motion judgement (OMJ), with changes that make it work (``docs/model.md``, section 5).
 
 :class:`PooledJudgement` pools the S maps over cells, multiplies opposite motion on opposite sides
 of each unit, and subtracts the inward products from the outward ones. :class:`PixelwiseJudgement`

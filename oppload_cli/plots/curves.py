@@ -100,8 +100,8 @@ def plot_curves(
     models : sequence of str
         The detectors to draw; empty for all detectors of each result.
     scale : str
-        ``threshold``: over the alarm's threshold in each frame, on a logarithmic axis from 0.01;
-        ``peak``: each curve over its peak; ``raw``: in the detector's unit.
+        ``threshold``: divided by the alarm's threshold in each frame, on a logarithmic axis from
+        0.01; ``peak``: each curve divided by its peak; ``raw``: in the detector's unit.
     align : str, optional
         ``contact``: time counts from the contact, which `marks` or a ground truth states.
     xlim : tuple of float, optional
