@@ -55,7 +55,8 @@ class AlarmParams(Parameters):
     guard_s: float = _seconds(0.2, "time before the latest frame that the background leaves out")
     enough_s: float = _seconds(
         0.0,
-        "the alarm starts once evidence was above the threshold for this time; 0: at one frame",
+        "evidence must be above the threshold for this time before the alarm starts; 0: one frame "
+        "is enough",
     )
     window_s: float = _seconds(
         0.0, "length of the latest time in which evidence must be above the threshold for enough_s"

@@ -56,7 +56,7 @@ class DpcParams(Parameters):
         0.7, "latency constant lambda", unit="1/px", low=0.01, high=10
     )
     latency_one: float = parameter(
-        1.0, "least latency with a delay of one frame", unit="frames", low=-10, high=100
+        1.0, "latency from which on the delay is one frame", unit="frames", low=-10, high=100
     )
     latency_two: float = parameter(
         1.8999, "latency above which the delay is two frames", unit="frames", low=-10, high=100

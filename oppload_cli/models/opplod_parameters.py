@@ -174,8 +174,8 @@ class OpplodParams(DpcParams):
     )
     light_s: float = parameter(
         4.0,
-        "time constant with which a lasting change of the light passes; faster changes, by lamps "
-        "or by the camera's exposure, are removed; 0: no change is removed",
+        "time constant with which a lasting change of the light reaches the model; faster changes, "
+        "by lamps or by the camera's exposure, are removed; 0: no change is removed",
         low=0,
         high=60,
     )
