@@ -154,8 +154,8 @@ class DetectorBank:
     ) -> dict[str, Response | None]:
         """Return the responses to the frame that was seen, or to a picture before it.
 
-        To a picture between frames only those detectors respond whose `interpolated` is `between`.
-        Other arguments and errors are those of `step`.
+        Only detectors whose `interpolated` is the argument `between` respond to a picture between
+        frames. Other arguments and errors are those of `step`.
         """
         self._layers.clock.time_s = time_s
         # A detector must not write into the frame, since the others get the same frame.

@@ -336,11 +336,11 @@ class Detector(ABC):
 
     @property
     def interpolated(self) -> str:
-        """The pictures between frames that it also gets, where frames are far apart.
+        """The kind of pictures that the detector also gets between frames that are far apart.
 
-        They are interpolated from ``both`` frames or from the ``earlier`` one. A detector without
-        such pictures returns ``none``; one with such pictures has layers of its own, or copies them
-        in `separate`.
+        They are interpolated from ``both`` frames or from the ``earlier`` one; ``none`` for a
+        detector without such pictures. A detector with such pictures has layers of its own, or
+        copies them in `separate`.
         """
         return "none"
 

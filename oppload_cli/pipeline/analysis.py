@@ -265,7 +265,7 @@ def analyse(
     rmo : RmoParams or bool, optional
         Parameters of radial motion opponency, or whether to measure it.
     repeats : RepeatParams or Repeats, optional
-        How to handle repeats. A `Repeats` object gives the cadence afterwards.
+        How to handle repeats. A `Repeats` object knows the cadence after the pass.
     time : TimeParams, optional
         The time base; if left out, that of the preset.
     optics : Optics, optional

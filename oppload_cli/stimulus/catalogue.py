@@ -180,7 +180,7 @@ class Entry:
         return dict(zip(keys, settings.values(), strict=True))
 
     def telling_changes(self) -> Entry:
-        """Return a copy whose description lists the changes, because it may contradict them."""
+        """Return a copy whose description, which the changes may contradict, lists the changes."""
         if not self.changes or "description" in self.changes:
             return self
         description = f"{self.description} (changed: {_listed(self.changes)})".lstrip()
