@@ -1,4 +1,4 @@
-"""oppload: OppLoD, D-LGMD and other looming detectors on videos and camera pictures.
+"""oppload: OppLoD, D-LGMD and other looming detectors, for videos and cameras.
 
 The names here are the public API. Each is loaded when it is first used, so that importing the
 package takes no time.
