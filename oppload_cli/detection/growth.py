@@ -1,4 +1,4 @@
-"""The extent of an object, its growth, and its time to contact (``docs/places.md``)."""
+"""The extent of an object, its growth, and its time to contact (``docs/explanation/boxes.md``)."""
 
 from __future__ import annotations
 
@@ -256,7 +256,7 @@ def growth(now: Pyramid, before: Pyramid, region: Region, start: float = 0.0) ->
     Growth or None
         None if the content of the region is not found in the earlier frame.
 
-    Source: ``docs/places.md``, "Time to contact".
+    Source: ``docs/explanation/boxes.md``, "Time to contact".
     """
     x, y, half_x, half_y = region
     # At this level the region has about SIDE to 2 SIDE pixels across.
@@ -320,7 +320,7 @@ class Contact:
     params : PlaceParams
         Gives the conditions that an estimate must meet.
 
-    Source: ``docs/places.md``, "Time to contact".
+    Source: ``docs/explanation/boxes.md``, "Time to contact".
     """
 
     def __init__(self, params: PlaceParams) -> None:
@@ -360,8 +360,8 @@ class Contact:
 
         Both are in seconds, above 0. The result is None unless there are enough growths over a long
         enough time, enough growth, and a standard error of the mean below the share `largest_error`
-        of the time (``docs/places.md``). The returned error is that of a single growth: all growths
-        of an object have similar errors, so that their mean is hardly better.
+        of the time (``docs/explanation/boxes.md``). The returned error is that of a single growth:
+        all growths of an object have similar errors, so that their mean is hardly better.
         """
         oldest = time_s - self._params.memory_s - ROUNDING_S
         while self._samples and self._samples[0][0] < oldest:

@@ -216,7 +216,7 @@ def _restored(names: tuple[str, ...], values: dict[str, float]) -> AlarmParams:
 class PlaceParams(Parameters):
     """Parameters of looming objects: their search, their identity and their time to contact.
 
-    Source: ``docs/places.md``.
+    Source: ``docs/explanation/boxes.md``.
 
     Examples
     --------
