@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "gallery"
-START, END = "<!-- keys: start -->", "<!-- keys: end -->"
 GROUPS = {
     "opplod2023": "The OppLoD paper",
     "klapoetke2017": "Klapoetke et al. 2017",
@@ -87,7 +86,7 @@ def reference() -> str:
     """Return the reference of all keys: a Markdown table for each table of a protocol."""
     parts = []
     for title, table in SECTIONS.items():
-        head = (f"#### {title}", "", "| key | value | default | meaning |", "|---|---|---|---|")
+        head = (f"## {title}", "", "| key | value | default | meaning |", "|---|---|---|---|")
         parts.append("\n".join([*head, *(reference_row(each) for each in table.declared())]))
     return "\n\n".join(parts) + "\n"
 
@@ -116,10 +115,13 @@ def shown(default: object) -> str:
     return f"`{default:g}`" if isinstance(default, float) else f"`{default}`"
 
 
-def page_of_stimuli(text: str) -> str:
-    """Return the page about stimuli with its reference of keys renewed."""
-    before, after = text.partition(START)[0], text.partition(END)[2]
-    return f"{before}{START}\n\n{reference()}\n{END}{after}"
+def page_of_keys() -> str:
+    """Return the page with the reference of all keys as Markdown."""
+    return (
+        "# Keys of a stimulus\n\nAt the top of [a protocol](stimuli.md#your-own-protocol): "
+        "`description`, `source` (texts), `tags` (list of texts), `seed` (whole number, default "
+        f"0).\n\n{reference()}"
+    )
 
 
 def main() -> None:
@@ -130,8 +132,7 @@ def main() -> None:
     for entry in stimulus.entries():
         (PICTURES / f"{stimulus.file_stem(entry.name)}.png").write_bytes(strip(entry))
     (ROOT / "docs" / "gallery.md").write_text(gallery_page(), encoding="utf-8")
-    page = ROOT / "docs" / "stimuli.md"
-    page.write_text(page_of_stimuli(page.read_text(encoding="utf-8")), encoding="utf-8")
+    (ROOT / "docs" / "stimulus-keys.md").write_text(page_of_keys(), encoding="utf-8")
     schema = json.dumps(stimulus.json_schema(), indent=1, ensure_ascii=False) + "\n"
     (ROOT / "stimuli" / "stimulus.schema.json").write_text(schema, encoding="utf-8")
 

@@ -2,7 +2,7 @@
 
 Angles are in degrees, counter-clockwise, 0 = right, 90 = up. Positions are ``[right, up]`` in
 degrees from the middle of the display. Times are in seconds of the clip. Luminance is linear,
-0 to 1. ``docs/stimuli.md`` describes the keys.
+0 to 1. ``docs/stimulus-keys.md`` describes the keys.
 """
 
 from __future__ import annotations
