@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 
 PACKAGE = "oppload_cli"
 ROOT = Path(__file__).resolve().parents[1]
-_PAGE = ROOT / "docs" / "architecture.md"
+_PAGE = ROOT / "docs" / "development" / "structure.md"
 _MARKS = ("<!-- structure: begin -->\n", "<!-- structure: end -->\n")
 
 # A room may import from the layers below its own, and within its layer without a circle.
