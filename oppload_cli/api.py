@@ -289,10 +289,10 @@ def run(
     """
     names: object = [models] if isinstance(models, str) else models  # maybe of a wrong type
     if not isinstance(names, Collection) or not all(isinstance(name, str) for name in names):
-        raise ParameterError(f"models must be a list of names, e.g. ['opplod'], not {models!r}")
+        raise ParameterError(f"models must be a list of names of detectors, not {models!r}")
     if not isinstance(settings, Mapping | None):
         raise ParameterError(
-            f"settings must be a dict, e.g. {{'opplod.gain': 2}}, not {settings!r:.60}"
+            f"settings must be a dict, e.g. {{'rmo.grid': 20}}, not {settings!r:.60}"
         )
     if not isinstance(rmo, bool):
         raise ParameterError(
