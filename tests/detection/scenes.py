@@ -51,14 +51,21 @@ def pan(frames: int, speed: int = 2, seed: int = 1) -> list[Luma]:
     return [np.ascontiguousarray(wide[:, speed * t : speed * t + SIZE]) for t in range(frames)]
 
 
-def patches(frames: int, speed: int = 2, sigma: int = 6, seed: int = 1) -> list[Luma]:
-    """Black patches on white, as many as they leave free, moving left."""
+def patches(
+    frames: int, speed: int = 2, sigma: int = 6, seed: int = 1, rise: int = 1
+) -> list[Luma]:
+    """Black patches on white, as many as they leave free, moving left.
+
+    The motion reaches its speed after `rise` frames.
+    """
     from scipy.ndimage import gaussian_filter
 
     shape = (SIZE, SIZE + speed * frames)
     smooth = gaussian_filter(np.random.default_rng(seed).random(shape), sigma, mode="wrap")
     wide = gaussian_filter((smooth > np.median(smooth)).astype(np.float32), 0.7)
-    return [np.ascontiguousarray(wide[:, speed * t : speed * t + SIZE]) for t in range(frames)]
+    steps = np.minimum(np.arange(frames) / rise, 1) * speed
+    lefts = np.rint(np.cumsum(steps)).astype(int)
+    return [np.ascontiguousarray(wide[:, left : left + SIZE]) for left in lefts]
 
 
 def shaken(ground: Luma, frames: int, sigma: float, seed: int) -> list[Luma]:

@@ -20,7 +20,7 @@ from tests.detection.scenes import BEFORE, SIZE, STILL, Film, alarms
 from tests.media import texture
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from tests.media import Luma
 
@@ -216,6 +216,18 @@ def test_a_pan_that_begins_at_once_gives_no_alarm(speed: int, sigma: int) -> Non
     for seed in (2, 4):
         moving = Film(scenes.out_of_rest(scenes.patches(40, speed, sigma, seed)))
         assert alarms(moving, "default") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("speeds", "rise", "alarmed"), [((3, 4, 5, 6, 8, 10, 12), 1, 6), ((8,), 12, 3), ((12,), 12, 10)]
+)
+def test_of_pans_over_patches_those_that_rise_give_more_alarms(
+    speeds: Sequence[int], rise: int, alarmed: int
+) -> None:
+    """The adaptation is 0.25 s behind a pan that becomes faster."""
+    pans = (scenes.patches(60, *each, rise) for each in product(speeds, (6, 12, 18), range(1, 5)))
+    assert sum(bool(alarms(Film(scenes.out_of_rest(each)), "default")) for each in pans) == alarmed
 
 
 @pytest.mark.parametrize("preset", PRESETS)
