@@ -78,7 +78,10 @@ CASES = (
     *((name, preset, "opplod") for preset in ("default", "reference") for name in DISKS),
     *((name, "default", "dlgmd") for name in DISKS),
 )
-CONTROLS = ("controls/receding-disk", "controls/translating-disk-speed", "controls/texture-pan")
+CONTROLS = (
+    *("controls/receding-disk", "controls/translating-disk-speed"),
+    *("controls/texture-pan", "controls/square-grating/axis-0"),
+)
 
 
 class _ShownAt(StimulusVideo):
