@@ -93,7 +93,7 @@ class AlarmParams(Parameters):
         5e-4, "a scene is at rest while its luminance change is at most this", low=0, high=1
     )
     blind_s: float = _seconds(
-        0.363,  # eleven frames at 30 frames/s, less rounding: OppLoD's adaptation begins then
+        0.345,
         "time in which frames do not count; it begins with the first frame of a video, or with the "
         "frame before a cut or the end of a rest, but at most 1/30 s earlier",
     )

@@ -169,8 +169,10 @@ class OpplodParams(DpcParams):
         low=0.1,
         high=60,
     )
+    # With 0.228 s and a quarter of a step, the adaptation begins as soon as frames count for the
+    # alarm, at every rate from 12 frames/s on; at 30 frames/s it leaves out the latest 7 frames.
     adaptation_guard_s: float = parameter(
-        0.25, "time before the latest frame that the background of R leaves out", low=0, high=60
+        0.228, "time before the latest frame that the background of R leaves out", low=0, high=60
     )
     light_s: float = parameter(
         4.0,

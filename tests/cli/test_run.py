@@ -246,7 +246,7 @@ def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:
     """Without a note, the missing alarm would look like safety, also in a batch."""
     for name, count in (("short.avi", 5), ("other.avi", 6)):
         write_video(tmp_path / name, grey_frames(count, seed=count))
-    said = "short.avi: lasts 0.13 s: too short for an alarm, as the first 0.363 s never count"
+    said = "short.avi: lasts 0.13 s: too short for an alarm, as the first 0.345 s never count"
     words = ("--height", "48", "--no-rmo", "--if-exists", "overwrite", "-o", tmp_path, "-vj", "1")
     for inputs in (["short.avi"], ["short.avi", "other.avi"]):
         done = oppload("run", *(tmp_path / each for each in inputs), *words)

@@ -532,7 +532,7 @@ def test_wrong_frames_one_by_one() -> None:
 
 @pytest.mark.parametrize(("still", "blind_s"), [(0, [0.1, 0.2, 0.3]), (1, [0.2, 0.3, 0.4, 0.5])])
 def test_the_start_at_ten_frames_per_second(still: int, blind_s: list[float]) -> None:
-    """After the first frame 0.363 s are blind; after a still picture, from 1/30 s before motion."""
+    """After the first frame 0.345 s are blind; after a still picture, from 1/30 s before motion."""
     analysis = Analysis((60, 80), rate=10, height=60)
     ground = texture(60, 80, 1)
     shown = [np.roll(ground, 2 * max(0, t - still), axis=1) for t in range(9)]
