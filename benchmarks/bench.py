@@ -177,7 +177,7 @@ def _runs(rounds: int) -> Iterator[_Measurement]:
             path = _h264(width, height, frames)
             ours = partial(references.run, _run_command(path))
             yield _ratio(
-                f"oppload run, {height}p H.264, {frames} frames, over bare decoding",
+                f"oppload run, {height}p H.264, {frames} frames, time divided by bare decoding",
                 f"<= {must}", aim,
                 ours, partial(references.run, references.decode_command(path)), rounds,
             )  # fmt: skip
@@ -262,7 +262,7 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
                 pass
 
     yield _ratio(
-        "stage: decode and resize, 720p, over bare decoding", "", "",
+        "stage: decode and resize, 720p, time divided by bare decoding", "", "",
         read, lambda: decoding.decode(path), rounds,
     )  # fmt: skip
 
@@ -275,7 +275,7 @@ def _start(rounds: int) -> Iterator[_Measurement]:
         lambda: references.run([sys.executable, "-c", "pass"]),
     )
     extra = [1e3 * (a - b) for a, b in zip(helped, bare, strict=True)]
-    title = "oppload --help over a bare interpreter's start"
+    title = "oppload --help minus a bare interpreter's start"
     yield _measurement(title, "<= 60", "40", extra, "ms", seconds=statistics.median(helped))
 
 
