@@ -251,7 +251,7 @@ def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
         axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(len(names)), [plain(label_of(name)) for name in names])
         axes.set_xlabel(table.axis)
-        axes.set_title(f"{table.title}\nshades: response over that to the looming disk\n{_DOTS}")
+        axes.set_title(f"{table.title}\nshades: response divided by that to the looming disk\n{_DOTS}")
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
         bar = figure.colorbar(shades, ax=axes, pad=0.02, extend="both")
@@ -261,7 +261,7 @@ def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
         bar.set_ticks(shown, labels=[f"{tick:g}" for tick in shown])
         bar.ax.minorticks_off()
         long_label = len(names) >= _ROWS_FOR_LABEL
-        bar.set_label("over the looming disk" if long_label else "over the disk")
+        bar.set_label("response / that to the looming disk" if long_label else "response / disk")
     return figure
 
 

@@ -356,7 +356,7 @@ def _draw_multiples(
                 notes.update(dict.fromkeys(own_notes))
                 top = max(top, panel.get_ylim()[1])
             else:
-                text += ", over its peak: no threshold"
+                text += ", divided by its peak: no threshold"
             panel.set_title(wrapped(text + unit, TITLE_WIDTH * 5 // 7), fontsize=6.8, pad=2)
             panel.tick_params(labelsize=6)
         for panel, curves, own_scale in zip(axes, panels, scales, strict=True):

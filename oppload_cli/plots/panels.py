@@ -216,7 +216,7 @@ def draw_curves(
             notes += _draw_threshold(axes, curve, scale)
     notes += _alarm_notes(curves, options)
     if scale != options.scale:
-        notes.append("over the peak, as there is no alarm threshold")
+        notes.append("divided by the peak: no alarm threshold")
     axes.margins(x=0.01)
     largest = max(float(np.nanmax(value, initial=0)) for value in values)
     bars_height = _BAR_STEP * len(bars)

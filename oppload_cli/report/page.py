@@ -79,7 +79,7 @@ class Content:
     boxes: _Boxes  # by row
     box_colour: str  # of the boxes' detector
     truth: dict[str, Any] | None  # sizes and contacts of a stimulus
-    notes: list[str]  # warnings about the result, a sentence each
+    notes: list[str]  # remarks on the result, a sentence each
 
     @classmethod
     def of(cls, result: BaseResult) -> Content:
@@ -273,7 +273,7 @@ def _truth(result: BaseResult) -> dict[str, Any] | None:
 
 
 def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
-    """Return the warnings about a result, a sentence each."""
+    """Return the remarks on a result, a sentence each."""
     notes = []
     if result.path.name.endswith(PART):
         notes.append("the run was interrupted; the page shows the frames that it had written")
@@ -298,7 +298,7 @@ def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
     if off:
         preset = PRESETS.get(str(result.sidecar.get("preset")))
         why = f" ({preset.name}: {preset.no_alarm})" if preset and preset.no_alarm else ""
-        notes.append(f"no alarm of {', '.join(off)}{why}: curves are drawn over their peaks")
+        notes.append(f"no alarm of {', '.join(off)}{why}: each curve is divided by its peak")
     return notes
 
 

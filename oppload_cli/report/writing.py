@@ -81,7 +81,7 @@ class _IndexRow(NamedTuple):
     thresholded: bool  # whether the peak is over a threshold
     reason: str  # why a peak above the threshold caused no alarm, or one below it did; else empty
     complete: bool  # whether the run read all of the video
-    notes: list[str]  # warnings
+    notes: list[str]  # remarks
 
 
 @dataclass(frozen=True)

@@ -266,8 +266,8 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
         (
             f"LPLC2: {SOURCE}. The figure shows only the shapes of the curves; the last statement "
             "also compares their sizes.",
-            "The paper's sentence on the diagonals names the 10 degree bar twice; we take the "
-            "second name for the 60 degree bar. LPLC2 neurons do the opposite for this bar: along "
+            "The paper's sentence on the diagonals names the 10 degree bar twice; we assume that "
+            "it means the 60 degree bar the second time. LPLC2 neurons do the opposite here: along "
             f"the diagonals they respond {ratio:.2f} times as much as along their other axes.",
             "In preset reference the axes at 15 degrees to a diagonal have the next largest "
             "responses, and the axes along the sides of the display the smallest.",

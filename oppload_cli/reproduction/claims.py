@@ -351,14 +351,14 @@ def presets_of(report: Mapping[str, Any]) -> list[str]:
 def introduction(report: Mapping[str, Any]) -> str:
     """Return the first paragraph of the page and of ``docs/reproduction.md``."""
     return (
-        "This page has every synthetic figure of the OppLoD paper, made by oppload alone, and "
-        "for each preset a verdict on each statement that the paper bases on the figure. Verdicts: "
-        f"{_verdicts(report)}. A detector hardly responds if its response is below a tenth of the "
-        "floor of its alarm; the shape of its curve then means little. The table has the verdict "
-        "on each figure, and counts the verdicts on its statements. Preset 'paper' follows the "
-        "paper to the letter; preset 'reference' is the same model, with changes that make it "
-        "work. Below the table, each statement is in our words, with the sentence of the paper on "
-        "which it is based, the rule of the verdict, and our measurement. A statement that the "
+        "This page makes every synthetic figure of the OppLoD paper anew with oppload, and judges "
+        "each statement that the paper bases on such a figure. Preset 'paper' follows the paper to "
+        "the letter; preset 'reference' is the same model, with changes that make it work. "
+        f"Verdicts: {_verdicts(report)}. A detector hardly responds if its response is below a "
+        "tenth of the floor of its alarm; the shape of its curve then means little. The table has "
+        "the verdict on each figure and, in brackets, the number of its statements with each "
+        "verdict. Below the table, each statement is in our words, with the sentence of the paper "
+        "on which it is based, the rule of the verdict, and our measurement. A statement that the "
         "paper does not make is marked as our reading. Each figure names the working height and "
         "the changed parameters."
     )

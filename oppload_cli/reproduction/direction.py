@@ -76,9 +76,8 @@ def up_and_down() -> Built:
         )
         speed, wrong = _speed(load(_BAR), settings), float(leaks.mean(axis=0).max())
         findings[preset] = Finding(
-            f"At the working size, an end of the bar moves {speed:.2g} px/frame; the pathway of "
-            f"the opposite direction keeps {100 * wrong:.1f} % of the S that the right pathway "
-            "passes.",
+            f"At the working size, an end of the bar moves {speed:.2g} px/frame. S of the pathway "
+            f"of the opposite direction is {100 * wrong:.1f} % of S of the right pathway.",
             at_most(wrong, 0.01, 0.1),
             {"speed_px_frame": speed, "wrong_over_right": wrong},
         )
@@ -140,7 +139,8 @@ def diagonals() -> Built:
     claim = Claim(
         "Each of the four pathways shows the part of the block's outline that moves along the "
         "pathway's diagonal.",
-        "holds: at least 95 % of S lies on that side, for every pathway; in part: at least 75 %",
+        "holds: for every pathway, at least 95 % of S lies on the side of the block that moves in "
+        "the pathway's direction; in part: at least 75 %",
         findings,
         "\u201cshows the diagonal motion preference\u201d (diagonal motions, (b))",
     )
@@ -227,7 +227,7 @@ def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure
                    color=detector_named("opplod").colour, markersize=3)  # fmt: skip
         panel.axhline(1, color=FAINT, lw=0.6, linestyle="--")
         panel.set(title="S of the wrong pathway", xlabel="speed (px/frame)",
-                  ylabel="over the right one (%)")  # fmt: skip
+                  ylabel="divided by that of the right one (%)")  # fmt: skip
     return figure
 
 
@@ -327,7 +327,7 @@ def _inward(shown: Inward, preset: str) -> Finding:
         for angle in _ANGLES
     }
     return Finding(
-        f"Peak for inward motion over the peak for outward motion: {_stated(ratios)}.",
+        f"Peak for inward motion divided by the peak for outward motion: {_stated(ratios)}.",
         at_most(max(ratios.values()), 0.05, 0.25),
         {f"ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
         _faint(shown, preset),
@@ -342,7 +342,7 @@ def _suppression(shown: Inward, preset: str) -> Finding:
     ratios = {angle: both[angle] / outward[angle] for angle in _ANGLES}
     holds = at_most(max(ratios.values()), 0.5, np.inf)
     return Finding(
-        f"Mean response with inward motion over that without it: {_stated(ratios)}.",
+        f"Mean response with inward motion divided by that without it: {_stated(ratios)}.",
         holds if min(ratios.values()) <= 0.9 else Verdict.DOES_NOT,
         {f"mean_ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
         _faint(shown, preset),

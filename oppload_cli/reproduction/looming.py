@@ -118,8 +118,8 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
         claim(
             _earlier,
             "OppLoD responds earlier than D-LGMD.",
-            "holds: OppLoD reaches both its peak and 10 % of its peak earlier than D-LGMD does; in "
-            "part: one of them",
+            "holds: OppLoD reaches both its peak and 10 % of its peak earlier than D-LGMD reaches "
+            "its own; in part: only one of the two",
             _EARLIER,
             _PAPER,
         ),

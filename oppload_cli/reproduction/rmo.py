@@ -273,8 +273,9 @@ def stimuli() -> Built:
         "of the looming frames is larger",
         {
             NO_PRESET: Finding(
-                f"Looming frames give at least {least:.2f}, the others at most {most:.2f} "
-                f"({worst.partition('/')[2]}); the medians are {typical:.2f} and {other:.2f}.",
+                f"The index is at least {least:.2f} in looming frames and at most {most:.2f} in "
+                f"others ({worst.partition('/')[2]}); the medians are {typical:.2f} and "
+                f"{other:.2f}.",
                 Verdict.HOLDS if least > most else overlap,
                 {
                     "least_of_looming": least,

@@ -281,7 +281,7 @@ def test_the_shades_end_at_the_responses() -> None:
     figure = _drawn(found, TABLES[0])
     panel, bar = figure.axes
     assert panel.images[0].get_clim() == (0.5, 1.0)
-    assert bar.get_ylabel() == "over the disk"
+    assert bar.get_ylabel() == "response / disk"
     assert _limits(np.array([0.0, np.inf, 50, 2e-4])) == (1e-3, 10.0)
     assert _limits(np.array([1.0, 1.0])) == (0.5, 1.0)
     assert _limits(np.array([0.0])) == (1e-3, 2e-3)

@@ -246,7 +246,7 @@ def test_a_detector_without_a_threshold_has_a_panel_over_its_peak(tmp_path: Path
     result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
     figure, axes = plot_curves(result, models=EIGHT)
     assert [panel.get_yscale() for panel in axes] == ["log"] * 7 + ["linear"]
-    assert axes[-1].get_title("left").endswith(", over its peak: no\nthreshold")
+    assert axes[-1].get_title("left").endswith(", divided by its\npeak: no threshold")
     assert np.nanmax(curve(axes[-1], 0)) == 1
     assert figure.get_supylabel() == "response / alarm threshold"
 
@@ -524,7 +524,7 @@ def test_without_an_alarm_there_is_no_threshold(tmp_path: Path) -> None:
     rows = [{k: v for k, v in row.items() if not k.endswith("alarm")} for row in frame_rows()]
     _, (panel,) = plot_curves(read_result(write_rows(tmp_path / "a.frames.csv", rows)))
     assert panel.get_ylabel() == "response / peak"
-    assert labels(panel)[-1] == "over the peak, as there is no alarm threshold"
+    assert labels(panel)[-1] == "divided by the peak: no alarm threshold"
 
 
 def test_the_parameters_of_the_alarm_come_from_the_sidecar(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_alarms_that_are_off_are_not_called_silent(table: Path) -> None:
     assert index.count('data-peak=""') == 2
     assert "<line" not in index
     page = table.with_name("clip.report.html").read_text()
-    assert "<p>alarms are off; the curves are drawn over their peaks." in page
+    assert "<p>alarms are off; each curve is divided by its peak." in page
     assert "<p>Alarms are off.</p>" in page
 
 
@@ -178,7 +178,7 @@ def test_a_table_that_was_cut_is_told(table: Path, capsys: Capture) -> None:
     assert said.replace("'", "&#39;") in table.with_name("clip.report.html").read_text()
 
 
-def test_remarks_of_the_run_are_warnings(table: Path) -> None:
+def test_remarks_of_the_run_are_on_the_page(table: Path) -> None:
     content = sidecar_of(table.with_name("clip.mkv"))
     said = "5 frames/s are too few for the models"
     content["remarks"] = [said]

@@ -94,7 +94,7 @@
 
   function load() {
     if (!data.video) {
-      withoutVideo("The page has no video; the warnings say why.");
+      withoutVideo("The page has no video; the remarks say why.");
       return;
     }
     video.addEventListener("loadedmetadata", () => {
@@ -406,7 +406,7 @@
       );
     }
     if (others.length) {
-      panel("Response over its peak", 150, others, { range: () => [0, 1.05] }, {}, contact);
+      panel("Response / its peak", 150, others, { range: () => [0, 1.05] }, {}, contact);
     }
     const rmo = Object.entries(data.rmo).map(([name, values], order) => ({
       label: name === "rmo_index" ? "index" : "mean",
