@@ -251,7 +251,9 @@ def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
         axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(len(names)), [plain(label_of(name)) for name in names])
         axes.set_xlabel(table.axis)
-        axes.set_title(f"{table.title}\nshades: response divided by that to the looming disk\n{_DOTS}")
+        axes.set_title(
+            f"{table.title}\nshades: response divided by that to the looming disk\n{_DOTS}"
+        )
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
         bar = figure.colorbar(shades, ax=axes, pad=0.02, extend="both")

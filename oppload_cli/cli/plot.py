@@ -294,7 +294,7 @@ def _draw_map(results: Sequence[BaseResult], options: dict[str, Any]) -> Figure:
     figure, _ = oppload.plot_places(results[0], still, title=options["title"], model=model)
     if still is None:
         why = f"{results[0].path}: {places.why_no_still(results[0])}"
-        say(f"oppload: {why}, so the ground is white; give the video with --video")
+        say(f"oppload: {why}, so the background is white; give the video with --video")
     return figure
 
 

@@ -75,9 +75,9 @@ MEASURES = {
     "false_alarms_per_minute": _Definition(
         "false alarms per minute",
         "1/min",
-        "How often the evidence rises above the threshold, or the alarm goes on, in footage "
+        "How often the evidence rises above the threshold, or the alarm starts, in footage "
         "without an approach: clips labelled none, and the other clips before onset, both without "
-        "warm-up. If it does so less than a second after the last frame with an alarm, it is the "
+        "warm-up. If this happens less than a second after the last frame with an alarm, it is the "
         "same false alarm. Also by kind of motion, as the manifest names it. n: clips with such "
         "footage.",
     ),

@@ -183,7 +183,9 @@ class Photoreceptors:
         """Raise the FrameError that `step` would raise for this frame."""
         check_frame(luma, self.shape)
         if self.frames < _CHECKED_FRAMES and cv2.minMaxLoc(luma)[1] > _BRIGHTEST:
-            raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
+            raise FrameError(
+                "a frame holds luminance above 1; L must be 0 to 1: divide 8-bit values by 255"
+            )
 
     def step(self, luma: Map) -> bool:
         """Take the next frame, luminance of 0 to 1 as float32; return `ready`.

@@ -290,7 +290,7 @@ class OpplodParams(DpcParams):
         value: int | None = getattr(self, name)
         if value is None:
             raise ParameterError(
-                f"parameter '{name}' of opplod follows the working height; take resolved(height)"
+                f"parameter '{name}' of opplod depends on the working height; call resolved(height)"
             )
         return value
 

@@ -105,7 +105,7 @@ def plot_places(
     result : Result
         A result with the places of a detector.
     still : ndarray of float32, shape (height, width), optional
-        A frame to draw on; by default the ground is white.
+        A frame to draw on; by default the background is white.
     title : str, optional
         Title of the figure; by default the input's name.
     model : str, optional

@@ -27,7 +27,7 @@ ALARM_COLUMNS = (  # of alarms.csv
 class _AlarmEvent:
     """One alarm of one detector.
 
-    The alarm goes on in the frame `start_frame`, at the time `start_s`; `end_s` is the time of the
+    The alarm starts in the frame `start_frame`, at the time `start_s`; `end_s` is the time of the
     last frame with the alarm on.
     """
 

@@ -439,7 +439,7 @@ def _sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any
     if not isinstance(table, dict):
         raise StimulusError(f"{where}: sweep must be a table of lists, not {table!r}")
     if prefix.count(".") > _DEEPEST:
-        raise StimulusError(f"{where}: sweep is nested too deep; write keys such as bar.axis_deg")
+        raise StimulusError(f"{where}: sweep is nested too deeply; write keys such as bar.axis_deg")
     flat: dict[str, list[Any]] = {}
     for key, value in table.items():
         name = f"{prefix}{key}"

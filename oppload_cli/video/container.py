@@ -145,7 +145,9 @@ class ContainerSource:
     def finish(self) -> None:
         """Count the declared frames that never came."""
         if is_transparent(self._first):
-            self.decode.note("transparency is left out; draw the pictures on a ground first")
+            self.decode.note(
+                "transparency is left out; draw the pictures on an opaque background first"
+            )
         self.decode.missing = self._missing()
         if corrupt := self.decode.corrupt:
             self.decode.note(f"{corrupt} {'frame is' if corrupt == 1 else 'frames are'} damaged")

@@ -126,7 +126,9 @@ class ImageSource:
                 f"convert it to a video or to single images"
             )
         if opacity is not None and (opacity < np.uint8(255)).any():
-            self.decode.note("transparency is left out; draw the images on a ground first")
+            self.decode.note(
+                "transparency is left out; draw the images on an opaque background first"
+            )
         return colour
 
 

@@ -429,10 +429,10 @@ def test_a_map_without_a_sidecar_says_so(tmp_path: Path, capsys: Capture) -> Non
     assert done.returncode == 0
     assert done.stderr == (
         f"oppload: {table}: no sidecar (a.oppload.json) names its video and its size, so the "
-        "ground is white; give the video with --video\n"
+        "background is white; give the video with --video\n"
     )
     (tmp_path / "a.oppload.json").write_text(
         json.dumps({"input": {"name": "gone.avi", "kind": "container", "width": 64, "height": 48}})
     )
     done = run(capsys, "plot", table, "--kind", "map")
-    assert "its video is gone, so the ground is white" in done.stderr
+    assert "its video is gone, so the background is white" in done.stderr

@@ -242,7 +242,7 @@ def test_luminance_of_8_bits_is_refused() -> None:
     """Every response would be 255 times too large, and the first frame would cause an alarm."""
     dpc = Dpc((9, 9), DpcParams())
     for black in range(3):
-        with pytest.raises(FrameError, match="L is 0 to 1: divide 8 bits by 255"):
+        with pytest.raises(FrameError, match="L must be 0 to 1: divide 8-bit values by 255"):
             dpc.step(np.full((9, 9), 200, np.float32))
         assert dpc.frames == black
         dpc.step(np.zeros((9, 9), np.float32))

@@ -163,7 +163,7 @@ def test_threshold_and_gain_act_on_the_opponency() -> None:
 def test_defaults_follow_the_height() -> None:
     assert [REFERENCE.resolved(h).receptive_field for h in (240, 600, 1)] == [100, 250, 2]
     assert [REFERENCE.resolved(h).cell for h in (240, 600, 1)] == [8, 20, 1]
-    with pytest.raises(ParameterError, match="'cell' of opplod follows the working height"):
+    with pytest.raises(ParameterError, match="'cell' of opplod depends on the working height"):
         PooledJudgement((60, 80), REFERENCE)
 
 

@@ -502,13 +502,13 @@ def test_the_index_tells_of_inputs_that_failed_and_of_incomplete_ones(
     out, more = tmp_path / "out", ("--no-rmo", "-j", "1", "-q")
     assert run(capsys, "run", tmp_path / "clips", "-o", out, "--report", *more).returncode == 4
     index = out / "index.html"
-    assert "<summary>1 without a page</summary>" in index.read_text()
+    assert "<summary>1 result without a page</summary>" in index.read_text()
     assert "three.mkv: not a video" in index.read_text()
     # Also later, and of the parts of a batch; an input with a result has a page.
     listed = (out / "failures.csv").read_text()
     (out / "failures-2-of-2.csv").write_text(listed.replace("three", "one"))
     assert run(capsys, "report", out, "-j", "1", "-q").returncode == 0
-    assert "<summary>1 without a page</summary>" in index.read_text()
+    assert "<summary>1 result without a page</summary>" in index.read_text()
     found = re.findall(r">(\w+).mkv</a>(?: <span[^>]*>(\w+)</span>)?</td>", index.read_text())
     assert sorted(found) == [("one", ""), ("two", "incomplete")]
     # An index of chosen results holds these alone, and that of folders the failures of each.
@@ -519,7 +519,7 @@ def test_the_index_tells_of_inputs_that_failed_and_of_incomplete_ones(
     copied.write_bytes((out / "one.frames.csv").read_bytes())
     (out / "failures-2-of-2.csv").unlink()
     assert run(capsys, "report", out, copied.parent, "-o", out, "-j", "1", "-q").returncode == 0
-    assert "<summary>1 without a page</summary>" in index.read_text()
+    assert "<summary>1 result without a page</summary>" in index.read_text()
 
 
 def titles_in(index: Path) -> dict[str, str]:

@@ -79,7 +79,7 @@ def test_a_video_with_transparency_gives_a_note(
     )
     with open_video(path) as video:
         assert len(list(video)) == 2
-        said = ["transparency is left out; draw the pictures on a ground first"]
+        said = ["transparency is left out; draw the pictures on an opaque background first"]
         assert video.decode.messages == (said if opacity < 255 else [])
         assert video.decode.complete
 

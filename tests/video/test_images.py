@@ -139,7 +139,7 @@ def test_images_with_transparency_give_a_note(tmp_path: Path, opacity: int) -> N
         Image.fromarray(np.dstack([RGB, alpha])).save(tmp_path / f"{index}.png")
     with open_video(tmp_path) as video:
         assert len(list(video)) == 3
-        said = ["transparency is left out; draw the images on a ground first"]
+        said = ["transparency is left out; draw the images on an opaque background first"]
         assert video.decode.messages == (said if opacity < 255 else [])
         assert video.decode.complete
 

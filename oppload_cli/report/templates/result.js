@@ -394,7 +394,7 @@
       const step = top / LOWEST > 1e7 ? 100 : 10;
       for (let at = LOWEST; at <= top * 1.001; at *= step) decades.push(Number(at.toPrecision(1)));
       panel(
-        "Response over threshold",
+        "Response / threshold",
         230,
         over,
         { distr: 3, log: 10, range: () => [LOWEST, top] },
@@ -427,7 +427,7 @@
       }));
       const most = Math.max(...curves.map((c) => c.values.reduce((a, b) => Math.max(a, b), 0)));
       panel("Stimulus: angular size (deg)", 120, curves, { range: () => [0, most * 1.08] }, {}, (u) => contact(u, "contact"));
-      const name = element("span", { class: "names" }, " ", key("#88888840"), " ground: an object looms");
+      const name = element("span", { class: "names" }, " ", key("#88888840"), " shaded: an object looms");
       charts.at(-1).host.previousElementSibling.append(name);
     }
     byId("charts").append(element("p", { class: "axis" }, "time (s)"));
