@@ -174,7 +174,7 @@ class Measured:
     detector: str  # ``NAME`` or ``NAME:PRESET``
     peak: float | None  # the largest response; None if there was no response
     peak_time_s: float | None
-    alarms: int  # how often the alarm went on
+    alarms: int  # how often an alarm started
     first_alarm_s: float | None
 
 

@@ -179,8 +179,8 @@ class Cuts:
 
     MEMORY_S = 0.18  # a luminance change is compared with the changes of this latest time
     # At least this number of latest changes is kept, whatever their age. Noise does not grow with
-    # the time between frames, so that the change per interval is small after lost frames. The next,
-    # ordinary change would look like a cut beside that one alone.
+    # the time between frames, so that the change per interval is small after lost frames. If only
+    # this small change were kept, the next, ordinary change would look like a cut.
     LEAST_KEPT = 3
 
     def __init__(self, params: AlarmParams | None = None) -> None:

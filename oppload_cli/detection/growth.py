@@ -384,7 +384,8 @@ class Contact:
         error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
         of_one = float(np.mean(errors**-2)) ** -0.5
         largest = self._params.largest_error * remaining
-        # If one growth is lacking, the others may agree by chance: their own error must be small.
+        # With one growth fewer, the others may agree by chance. So each must be more exact: the
+        # error of one growth, a mean over all of them, must be small too.
         sure = error < largest and (lacking <= 0 or of_one < largest / 2)
         return (remaining, of_one) if sure and grown >= self._params.least_growth else None
 

@@ -343,7 +343,7 @@ class Detections:
         """Set for each object whether the detector's alarm is on because of this object.
 
         These are the objects with a response above the frame's threshold, and the object that had
-        the largest response when the alarm went on. `found` is sorted: largest response first.
+        the largest response when the alarm started. `found` is sorted: largest response first.
         """
         if not alarm:
             self._cause = None

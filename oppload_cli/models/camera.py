@@ -150,7 +150,7 @@ NO_BARS = Widths()
 
 
 class Bars:
-    """Plain strips along the sides of the frame, as beside an upright video in a wide frame.
+    """Plain strips along the sides of the frame, as beside a portrait video in a wide frame.
 
     An edge that appears from behind a bar meets no inhibition, like an edge that enters the frame.
     A strip is a bar if its width has been the same for 7.5 intervals (a quarter of a second). It

@@ -170,7 +170,10 @@ class DetectorPass:
         return record
 
     def _see(self, frame: Frame, repeat: Repeat) -> str:
-        """Show the detectors what comes before a frame; return why the frame is blind, if it is."""
+        """Show the detectors a frame, after all pictures before it that they have not seen.
+
+        Return why the frame is blind; empty for a frame that counts.
+        """
         bank, luma, taken_s = self._bank, frame.luma, frame.time_s + repeat.shift_s
         if repeat.still_begins:
             # The frames that were passed over are no repeats: the detectors get them now.

@@ -159,7 +159,7 @@ class Outcome:
 
     @property
     def alarmed(self) -> bool:
-        """Whether the alarm of any detector went on."""
+        """Whether any detector had an alarm."""
         return any(each.alarms for each in self.verdicts)
 
 

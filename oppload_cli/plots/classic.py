@@ -294,7 +294,7 @@ def _draw_ends(
 
 
 def _both_over_one(both: Mapping[float, float], one: Mapping[float, float]) -> str:
-    """Return the range over axes of the peak for both ends over the larger peak for one end.
+    """Return the range over axes of the peak for both ends / the larger peak for one end.
 
     The peaks are given by axis in degrees; for one end, this is the direction of its growth. The
     ratio is infinite if only both ends together give a response. An axis without any response does
@@ -370,7 +370,7 @@ def _contrast(tuning: Tuning, luminance: Series) -> Series:
 
 
 def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
-    """Draw the peak of each presentation over that of the first."""
+    """Draw the peak of each presentation divided by that of the first."""
     advice = "presentations in a row; run 'oppload tune --figure habituation'"
     curves = request.curves()
     columns = [column_of(curve.tuning, "presentation", advice) for curve in curves]

@@ -120,7 +120,7 @@ class Curve:
         return known_threshold(self.result, self.detector)
 
     def scaled(self, scale: str) -> Series:
-        """Return the responses over the threshold, over their peak, or in their unit."""
+        """Return the responses divided by the threshold or by their peak, or in their unit."""
         response = self.response
         if scale == "threshold" and self.threshold is not None:
             return np.asarray(response / self.threshold, np.float64)

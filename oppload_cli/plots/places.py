@@ -174,7 +174,7 @@ def plot_places(
 
 
 def _over_threshold(result: BaseResult, detector: str, row: int) -> str:
-    """Return the peak over its threshold in words, as the dots of noise can be large too."""
+    """Return the peak divided by its threshold in words, as the dots of noise can be large too."""
     threshold = known_threshold(result, detector)
     if threshold is None or np.isnan(threshold[row]):
         return ""

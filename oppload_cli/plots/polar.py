@@ -267,7 +267,7 @@ def _looks(table: Mapping[str, Any]) -> list[Any]:
 def plot_polar(
     curves: Sequence[DirectionTuning], *, raw: bool = False, title: str = ""
 ) -> tuple[Figure, list[Axes]]:
-    """Draw up to six curves over their peaks into one plot; of more, each has a small plot.
+    """Draw up to six curves, divided by their peaks, into one plot; of more, each has its own.
 
     If `raw`, each curve has a plot in its own unit.
     """
@@ -326,7 +326,7 @@ def draw_polar(
     raw: bool = False,
     across: int = LEGEND_WIDTH,
 ) -> None:
-    """Draw curves into one polar plot, over their peaks or, if `raw`, in their own unit.
+    """Draw curves into one polar plot, divided by their peaks or, if `raw`, in their own unit.
 
     A line of text below the plot has at most `across` characters.
     """

@@ -339,7 +339,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
 def _draw_line(
     panel: Axes, curve: TuningCurve, parameter: str, look: dict[str, Any], *, raw: bool = False
 ) -> None:
-    """Draw a curve over its largest peak, or raw; thin and grey if it means little."""
+    """Draw a curve divided by its largest peak, or raw; thin and grey if it means little."""
     shown = {"color": FAINT, "lw": 0.7, "markersize": 2} if curve.doubts else {"markersize": 3}
     values = curve.rows[parameter].to_numpy(float)
     order = np.argsort(values, kind="stable")  # the values of a sweep may be in any order
@@ -350,7 +350,7 @@ def _draw_line(
 def _plot_small_lines(
     curves: Sequence[TuningCurve], parameter: str, title: str
 ) -> tuple[Figure, list[Axes]]:
-    """Draw a small panel for each curve, over its largest peak."""
+    """Draw a small panel for each curve, divided by its largest peak."""
     with _small_panels(len(curves), 1.5, title) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             _draw_line(panel, curve, parameter, {"color": curve.detector.colour, "marker": "o"})
@@ -442,7 +442,7 @@ def _plot_small_heats(curves: Sequence[TuningCurve], title: str) -> tuple[Figure
 
 
 def _shares(curve: TuningCurve) -> tuple[NDArray[np.float64], float, pd.DataFrame]:
-    """Return the peaks of a heat map over the largest one, the largest one, and the table."""
+    """Return the peaks of a heat map divided by the largest, the largest one, and the table."""
     across, up = curve.tuning.parameters
     cells = curve.rows.pivot_table(index=up, columns=across, values="peak")
     values = cells.to_numpy(float)

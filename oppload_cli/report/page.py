@@ -30,7 +30,7 @@ _RMO_CURVES = ("rmo_index", "rmo_mean")
 
 
 class Curve(NamedTuple):
-    """The responses of a detector over its threshold."""
+    """The responses of a detector divided by its threshold."""
 
     name: str
     label: str

@@ -77,8 +77,8 @@ class _IndexRow(NamedTuple):
     # Label and colour of the detector, time in seconds, frame and peak of each alarm.
     alarms: list[tuple[str, str, float, int, float]]
     duration_s: float  # from the first to the last frame
-    peak: float  # the largest response over its threshold; without a threshold, over its peak
-    thresholded: bool  # whether the peak is over a threshold
+    peak: float  # largest response divided by its threshold, or, without a threshold, by its peak
+    thresholded: bool  # whether the peak is divided by a threshold
     reason: str  # why a peak above the threshold caused no alarm, or one below it did; else empty
     complete: bool  # whether the run read all of the video
     notes: list[str]  # remarks

@@ -283,7 +283,7 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
 
 
 def _relative(tunings: dict[str, _Tunings]) -> Iterator[tuple[str, int, Mapping[Any, float]]]:
-    """Yield a name (preset or neurons), the bar's width, and peaks over the loom by axis."""
+    """Yield preset or neurons, the bar's width, and peaks divided by that for the loom, by axis."""
     for width in BAR_WIDTHS:
         for preset, each in tunings.items():
             yield preset, width, each.over_loom(width)

@@ -156,7 +156,7 @@ class EmdLplc2Gf(ChangeDetector):
     params: EmdLplc2GfParams
 
     def _forget(self) -> None:
-        # Of upright frames the width is reduced to the authors' height, see docs/glossary.md.
+        # Of portrait frames the width is reduced to the authors' height, see docs/glossary.md.
         side = min(self.shape)
         reduced = min(side, self.params.height)
         self._rows, self._columns = (round(each * reduced / side) for each in self.shape)
