@@ -50,9 +50,7 @@ TABLES = (
     BatteryTable(SELECTIVITY, "Kinds of motion", "kind of motion"),
     BatteryTable(_POLARITY, "Polarity: a dark and a bright approach", "polarity"),
     BatteryTable(_CONTRAST, "Contrast of the approaching disk", "contrast with the ground"),
-    BatteryTable(
-        _NOISE, "Noise over an approach", "standard deviation of the noise, share of white"
-    ),
+    BatteryTable(_NOISE, "An approach in noise", "standard deviation of the noise, share of white"),
     BatteryTable(_SPEED, "Speed of the approach", "l/v (ms)"),
     BatteryTable(_SIZE, "Angular size at which the approach ends", "size (deg)"),
     BatteryTable(_PLACE, "Place of the approach", "right, up of the centre (deg)"),

@@ -59,7 +59,7 @@ class EmdLplc2GfResponse(Response):
     current: float = inner(0.0, "", "input of the giant fibre")
     spikes: int = inner(0, "", "spikes of the giant fibre in this frame")
     v_end: float = inner(_REST_MV, "mV", "voltage of the giant fibre at the end of the frame")
-    collision: int = inner(0, "", "1 from the first spike on")
+    collision: int = inner(0, "", "1 once the fibre has spiked; it stays 1")
 
 
 def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane) -> None:

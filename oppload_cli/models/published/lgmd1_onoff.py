@@ -79,7 +79,9 @@ class Lgmd1Onoff(ChangeDetector):
     meaning = "LGMD1, ON and OFF pathways with spike-frequency adaptation"
     unit = "grey levels"
     response_column = "grey levels", "membrane potential, divided by the number of pixels"
-    columns = (Column("collision", "0 or 1", "1 from the fifth spike without a pause on"),)
+    columns = (
+        Column("collision", "0 or 1", "1 once five spikes came without a pause; it stays 1"),
+    )
     responses = Lgmd1OnoffResponse
     parameters = Lgmd1OnoffParams
     alarm_floors: ClassVar = {"default": 5.7}

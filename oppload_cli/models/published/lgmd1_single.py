@@ -86,7 +86,7 @@ class Lgmd1Single(ChangeDetector):
     meaning = "LGMD1, one pathway: excitation minus lateral inhibition, gated by the mean change"
     unit = "grey levels"
     response_column = "grey levels", "membrane potential, divided by the number of pixels"
-    columns = (Column("collision", "0 or 1", "1 from the fifth spike in a row on"),)
+    columns = (Column("collision", "0 or 1", "1 once five spikes came in a row; it stays 1"),)
     responses = Lgmd1SingleResponse
     parameters = Lgmd1SingleParams
     alarm_floors: ClassVar = {"default": 2.7}

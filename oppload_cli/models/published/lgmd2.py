@@ -84,7 +84,7 @@ class Lgmd2(ChangeDetector):
     meaning = "LGMD2: ON and OFF pathways biased towards darkening, grouping, adaptation"
     unit = "grey levels"
     response_column = "grey levels", "membrane potential, divided by the number of pixels"
-    columns = (Column("collision", "0 or 1", "1 where 8 spikes without a pause have come"),)
+    columns = (Column("collision", "0 or 1", "1 while at least 8 spikes came without a pause"),)
     responses = Lgmd2Response
     parameters = Lgmd2Params
     alarm_floors: ClassVar = {"default": 1.7}

@@ -84,7 +84,9 @@ class LgmdPlus(ChangeDetector):
     meaning = "LGMD+: noise gate, local weights, bias that follows the mean change"
     unit = "grey levels"
     response_column = "grey levels", "membrane potential, divided by the number of pixels"
-    columns = (Column("collision", "0 or 1", "1 once the rate of spikes has reached 56 Hz"),)
+    columns = (
+        Column("collision", "0 or 1", "1 once the rate of spikes reached 56 Hz; it stays 1"),
+    )
     responses = LgmdPlusResponse
     parameters = LgmdPlusParams
     alarm_floors: ClassVar = {"default": 2.1}
