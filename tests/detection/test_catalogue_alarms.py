@@ -58,6 +58,24 @@ def test_every_control_gives_no_alarm(name: str, preset: str) -> None:
         assert alarms(StimulusVideo(protocol, HEIGHT), preset) == [], protocol.name
 
 
+FAST = {  # controls with an alarm at other frame rates, as docs/time.md says
+    ("default", 24): {"translating-disk-speed/speed-80", "translating-bar-speed/speed-80"},
+    ("reference", 24): {"translating-bar-speed/speed-80"},
+    ("default", 50): {"rotating-bar/rotation-90", "rotating-bar/rotation--90"},
+    ("reference", 50): {"translating-bar-speed/speed-80"},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [24, 50, 120])
+@pytest.mark.parametrize("name", CONTROLS)
+@pytest.mark.parametrize("preset", ["reference", "default"])
+def test_controls_at_other_frame_rates(name: str, preset: str, rate: int) -> None:
+    for protocol in stimulus.load_all(name, {"display.frame_rate": rate}):
+        alarmed = any(protocol.name.endswith(each) for each in FAST.get((preset, rate), ()))
+        assert bool(alarms(StimulusVideo(protocol, HEIGHT), preset)) == alarmed, protocol.name
+
+
 @pytest.mark.parametrize(
     ("l_over_v", "centre"),
     [
