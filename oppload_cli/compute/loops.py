@@ -13,7 +13,7 @@ import math
 import os
 import sys
 import zlib
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
@@ -21,6 +21,8 @@ from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
+
+from oppload_cli.errors import shortage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -362,9 +364,19 @@ def _in_bands(shape: tuple[int, int], compute: Callable[[int, int, int], object]
     """
     bands = _bands_of(shape)
     threads = min(cv2.getNumThreads(), len(bands))
-    run = _band_threads(threads).map if threads > 1 else map
-    for _ in run(compute, *zip(*bands, strict=True)):
-        pass
+    begun: list[Future[object]] = []
+    for band in bands:
+        try:
+            if threads > 1:
+                begun.append(_band_threads(threads).submit(compute, *band))
+                continue
+        except RuntimeError as error:
+            # After the end of the main thread, Python refuses new work for the pools of others.
+            if shortage(error):
+                raise
+        compute(*band)
+    for each in begun:
+        each.result()
 
 
 def _bands_of(shape: tuple[int, int]) -> list[tuple[int, int, int]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import warnings
 from numbers import Real
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -58,6 +59,7 @@ class Analysis:
 
     The results are those of :func:`analyse` for a video of the same frames: responses, alarms, and
     looming objects with boxes and times to contact. An `Analysis` cannot be copied or pickled.
+    Several threads may share one: it takes one frame after the other.
 
     Parameters
     ----------
@@ -123,6 +125,7 @@ class Analysis:
         self._preparation = Preparation(chosen, facts.frame_rate)
         self._detectors = DetectorPass(working, facts.frame_rate, chosen, optics)
         self._first_s = 0.0
+        self._lock = threading.Lock()
 
     def __repr__(self) -> str:
         return f"Analysis({self._about}; {counted(self._detectors.count, 'frame')} so far)"
@@ -150,7 +153,15 @@ class Analysis:
         SourceError
             If the array has another type, or floating values outside 0 to 1.
         """
-        values, count = np.asarray(frame), self._detectors.count
+        with self._lock:  # the compiled loops of two frames would write into the same memory
+            record = self._step(np.asarray(frame), time_s)
+        if self._detectors.count == _FEW_FRAMES:
+            for remark in self._unit_remarks():
+                warnings.warn(remark, stacklevel=2)
+        return record
+
+    def _step(self, values: NDArray[Any], time_s: float) -> FrameRecord:
+        count = self._detectors.count
         if values.shape not in {self._shape, (*self._shape, 3)}:
             raise FrameError(
                 f"frame {count}: a frame must be of shape {self._shape}, with or without "
@@ -167,11 +178,7 @@ class Analysis:
             self._first_s = float(time_s)
         luma = self._luminance(values, f"frame {count}")
         prepared = self._preparation.step(Frame(count, float(time_s) - self._first_s, luma))
-        record = self._detectors.step(prepared)
-        if count + 1 == _FEW_FRAMES:
-            for remark in self._unit_remarks():
-                warnings.warn(remark, stacklevel=2)
-        return record
+        return self._detectors.step(prepared)
 
     @property
     def remarks(self) -> list[str]:

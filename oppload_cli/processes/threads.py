@@ -31,9 +31,17 @@ _running: WeakSet[Prefetch[Any]] = WeakSet()
 
 @atexit.register
 def _close_all() -> None:
-    """End the threads that no caller has closed, before the interpreter ends."""
-    for each in list(_running):
-        each.close()
+    """End the threads that no caller has closed, before the interpreter ends.
+
+    Their callers are daemon threads, as Python has waited for all others. A caller gets SystemExit,
+    because after StopIteration it would take the items so far for all of them. If it still called a
+    library in C++ while the interpreter ends, Python would abort the process.
+    """
+    running = list(_running)
+    for each in running:
+        each.close(SystemExit)
+    for each in running:
+        each.join_caller()
 
 
 def _started(thread: threading.Thread) -> bool:
@@ -68,7 +76,8 @@ class Prefetch(Generic[Item]):
         for _ in range(ahead):
             self._free_places.put(None)
         self._stop = threading.Event()
-        self._ended = False
+        self._end: type[BaseException] | None = None  # which the caller gets from now on
+        self._caller: threading.Thread | None = None
         self._thread = threading.Thread(target=self._run, name="oppload-ahead", daemon=True)
         self._alone = not _started(self._thread)
         if not self._alone:
@@ -78,8 +87,9 @@ class Prefetch(Generic[Item]):
         return self
 
     def __next__(self) -> Item:
-        if self._ended:
-            raise StopIteration
+        if self._end:
+            raise self._end
+        self._caller = threading.current_thread()
         stop_if_asked()
         if self._alone:
             return next(self._items)
@@ -90,25 +100,31 @@ class Prefetch(Generic[Item]):
             except queue.Empty:
                 stop_if_asked()
         if isinstance(item, _End):
-            self._ended = True
+            self._end = self._end or StopIteration
             raise item.error
         if not self._on_drop:  # else nobody takes the places, which would fill the memory
             self._free_places.put(None)
         return item
 
-    def close(self) -> bool:
+    def close(self, end: type[BaseException] = StopIteration) -> bool:
         """Stop the thread and join it; return whether it has ended. May be called twice.
 
         A thread that has not ended waits for a device or a network. The caller must not close the
-        objects that the thread uses.
+        objects that the thread uses. A caller in another thread gets `end` in place of an item.
         """
-        self._ended = True
+        self._end = end
         if self._alone:
             return True
         self._stop.set()
         self._free_places.put(None)  # the thread may wait for a free place
         self._thread.join(_JOIN_WITHIN_S)
         return not self._thread.is_alive()
+
+    def join_caller(self) -> None:
+        """Wait a moment for the end of the caller, if it is a daemon thread."""
+        if self._caller and self._caller.daemon:
+            with suppress(RuntimeError, AssertionError):  # this thread, or one of another library
+                self._caller.join(_JOIN_WITHIN_S)
 
     def _run(self) -> None:
         end: BaseException = StopIteration()
@@ -117,6 +133,7 @@ class Prefetch(Generic[Item]):
                 if not self._on_drop:
                     self._free_places.get()
                 if self._stop.is_set():
+                    end = (self._end or StopIteration)()
                     break
                 self._made.put(next(self._items))
                 if self._on_drop and self._made.qsize() > self._ahead:

@@ -201,6 +201,18 @@ def test_every_band_is_computed_once(threads: int) -> None:
 
 
 @pytest.mark.usefixtures("many_bands")
+def test_a_thread_that_outlives_the_main_thread_computes_its_bands_itself() -> None:
+    cv2.setNumThreads(3)
+    loops._band_threads(3).shutdown()  # as Python does before it waits for other threads
+    computed = []
+    try:
+        loops._in_bands((40, 3), lambda number, *_: computed.append(number))
+    finally:
+        loops._band_threads.cache_clear()
+    assert computed == list(range(6))
+
+
+@pytest.mark.usefixtures("many_bands")
 @pytest.mark.parametrize("threads", [1, 3])
 def test_an_error_in_a_band_is_raised(threads: int) -> None:
     cv2.setNumThreads(threads)

@@ -3,6 +3,9 @@ from __future__ import annotations
 import copy
 import pickle
 import re
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -37,6 +40,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from oppload_cli.pipeline.one_pass import Prepared
     from oppload_cli.schema import Parameters
 
     Frames = NDArray[np.uint8]
@@ -391,6 +395,25 @@ def test_an_alarm_ends_with_the_frames_before_a_gap() -> None:
     assert not any(record.alarms["opplod"] for record in records[34:])
     (alarm,) = log.verdict.alarms
     assert alarm.end_s == pytest.approx(TIMES[-1] - TIMES[0])
+
+
+def test_threads_that_share_an_analysis_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    analysis = Analysis((30, 40), rate=30)
+    step, inside, met = analysis._detectors.step, threading.Lock(), []
+
+    def alone(prepared: Prepared) -> FrameRecord:
+        met.append(not inside.acquire(blocking=False))
+        time.sleep(0.01)
+        record = step(prepared)
+        if not met[-1]:
+            inside.release()
+        return record
+
+    monkeypatch.setattr(analysis._detectors, "step", alone)
+    with ThreadPoolExecutor(2) as pool:
+        grey = np.zeros((30, 40), np.uint8)
+        records = list(pool.map(lambda at: analysis.step(grey, at / 30), range(4)))
+    assert (sorted(each.frame for each in records), met) == ([0, 1, 2, 3], [False] * 4)
 
 
 def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+from itertools import count
 from typing import TYPE_CHECKING
 
 import pytest
 
 from oppload_cli.errors import SourceError
 from oppload_cli.processes.threads import Call, Prefetch
+from oppload_cli.processes.threads import _close_all as before_exit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -42,6 +44,24 @@ def test_closing_early_joins_the_thread() -> None:
     items.close()
     items.close()
     assert threading.active_count() == before
+
+
+def test_at_the_exit_a_daemon_thread_does_not_take_its_items_for_complete() -> None:
+    items, begun, ends = Prefetch(count()), threading.Event(), []
+
+    def call() -> None:
+        try:
+            for _ in items:
+                begun.set()
+            ends.append("complete")
+        except SystemExit:  # Python ends a thread by it without a message
+            ends.append("left")
+
+    caller = threading.Thread(target=call, daemon=True)
+    caller.start()
+    assert begun.wait(10)
+    before_exit()
+    assert (ends, caller.is_alive()) == (["left"], False)
 
 
 def test_the_oldest_items_are_dropped_if_too_many_wait() -> None:
