@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 
 import pytest
@@ -169,6 +169,26 @@ def test_a_reader_that_is_slow_loses_no_row(clip: Path) -> None:
         waits = os.get_blocking(write)
         stream.close()
         assert (ended.value.code or 0, waits, len(rows.result())) == (0, True, 25)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
+def test_a_reader_that_never_reads_does_not_hold_back_an_interruption(
+    clip: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("oppload_cli.pipeline.execute.stop_if_asked", interrupted)
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(write, bytes(4096))
+    with io.FileIO(read), io.TextIOWrapper(io.FileIO(write, "w")) as full, redirect_stdout(full):
+        err = io.StringIO()
+        with redirect_stderr(err), pytest.raises(SystemExit) as ended:
+            main(["run", str(clip), "-o", "-", "-q"])
+    assert (ended.value.code, err.getvalue().strip()) == (130, "oppload: interrupted")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
