@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ExitCode, ParameterError, printable
-from oppload_cli.files.reading import content_of, fault_of_stem, reading
+from oppload_cli.files.reading import content_of, fault_of_stem, is_file, reading
 from oppload_cli.files.tables import open_csv
 from oppload_cli.processes.threads import Call
 from oppload_cli.results.alarms import ALARM_COLUMNS, MOST_IN_A_LINE, in_words, label_of
@@ -369,7 +369,7 @@ def failed_in(folder: Path) -> Iterator[tuple[str, str]]:
 
     The lists are those of one batch, or of its shards. A list that cannot be read is passed over.
     """
-    for path in sorted(folder.glob("failures*.csv")):
+    for path in filter(is_file, sorted(folder.glob("failures*.csv"))):  # a pipe might never end
         with (
             suppress(OSError, ValueError, csv.Error),
             path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file,

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import printable
+from oppload_cli.files.reading import is_file
 from oppload_cli.files.tables import open_csv
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_named, known_names
@@ -241,6 +242,8 @@ def _row(video: str, model: str, alarm: _AlarmEvent) -> dict[str, Any]:
 
 def _rows_in(path: Path) -> list[dict[str, Any]]:
     """Return the rows of an existing file; none if it cannot be read or has other columns."""
+    if not is_file(path):  # a pipe might never end
+        return []
     try:
         # Spreadsheets write a byte order mark.
         with path.open(encoding="utf-8-sig", newline="") as file:

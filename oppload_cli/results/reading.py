@@ -266,7 +266,12 @@ def _beside(table: Path, suffix: str = SIDECAR) -> Path:
 
 
 def is_tuning(path: Path) -> bool:
-    """Tell whether a CSV file has the header of a tuning table; False if it cannot be read."""
+    """Tell whether a CSV file has the header of a tuning table; False if it cannot be read.
+
+    A pipe has none: what is read of it here would be missing later.
+    """
+    if not is_file(path):
+        return False
     try:
         with path.open(encoding="utf-8-sig") as file:
             header = file.readline().strip().split(",")

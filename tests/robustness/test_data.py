@@ -16,12 +16,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from oppload_cli.batch.plan import FAILURE_COLUMNS, failed_in
 from oppload_cli.errors import ParameterError, ResultError, ShortageError, SourceError, shortage
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.reading import content_of
 from oppload_cli.plots.style import wrapped
 from oppload_cli.results import cells
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.alarms import ALARM_COLUMNS, write_alarms
+from oppload_cli.results.reading import is_tuning, read_result
 from oppload_cli.schema import parsed_fraction
 from oppload_cli.video.inputs import found_inputs
 from oppload_cli.video.source import open_video
@@ -96,6 +98,42 @@ def test_bad_sidecars_are_named_and_do_not_stop_the_others(
     assert f"{len(bad)} results could not be collected" in done.stderr
     if suffix == "csv":
         assert r"\udcff\ud800.avi" in table.read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
+@pytest.mark.parametrize(
+    ("name", "content", "read"),
+    [
+        ("a.csv", "stimulus,model\n", is_tuning),
+        (
+            "alarms.csv",
+            f"{','.join(ALARM_COLUMNS)}\na,opplod\n",
+            lambda path: write_alarms(path, {}),
+        ),
+        (
+            "failures.csv",
+            f"{','.join(FAILURE_COLUMNS)}\na,a,2,b\n",
+            lambda path: any(failed_in(path.parent)),
+        ),
+    ],
+)
+def test_tables_that_are_pipes_are_not_waited_for(
+    tmp_path: Path, name: str, content: str, read: Callable[[Path], object]
+) -> None:
+    theirs, ours = os.pipe()
+    os.write(ours, content.encode())
+    end = threading.Timer(1, os.close, (ours,))  # else a reader would wait for ever
+    end.start()
+    try:
+        (tmp_path / name).symlink_to(f"/dev/fd/{theirs}")
+        assert not read(tmp_path / name)
+        assert os.read(theirs, 1000) == content.encode()
+    finally:
+        end.cancel()
+        end.join()
+        with suppress(OSError):
+            os.close(ours)
+        os.close(theirs)
 
 
 @pytest.mark.parametrize("value", ["1e308", "abc", "9" * 400, "inf"])
