@@ -8,6 +8,7 @@ forked copy of a process with decoder threads may hang.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import time
 import traceback
@@ -17,6 +18,7 @@ from functools import partial
 from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
+from threading import Thread
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import cv2
@@ -213,6 +215,8 @@ def _serve(connection: Connection, function: Callable[[Any, Tell], object], thre
     """Receive items and send their results until the pipe is closed: the main function."""
     signals.ignore("SIGINT", "SIGHUP")
     signals.answer("SIGTERM", again=signal.SIG_IGN)  # `join` kills a process that stops too slowly
+    with suppress(RuntimeError):  # the system allows no further thread
+        Thread(target=_end_with_parent, name="oppload-parent", daemon=True).start()
     cv2.setNumThreads(threads)
     with suppress(EOFError, KeyboardInterrupt, OSError):
         while not signals.received():
@@ -223,6 +227,15 @@ def _serve(connection: Connection, function: Callable[[Any, Tell], object], thre
                 error.add_note("".join(traceback.format_exception(error)))
                 answer = Kind.RAISED, error
             connection.send(answer)
+
+
+def _end_with_parent() -> None:
+    """End this process if the main process is killed: it may wait for a pipe for ever."""
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(_STOP_WITHIN_S)
+        os._exit(1)
 
 
 def outcomes(

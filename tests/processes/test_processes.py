@@ -115,6 +115,31 @@ def test_a_process_that_is_stopped_twice_cleans_up_all_the_same(tmp_path: Path) 
     assert (tmp_path / "7").exists()
 
 
+KILLED = """
+import os, signal, sys
+from functools import partial
+from pathlib import Path
+from oppload_cli.processes.pool import Kind, events
+from tests.processes.work import waits
+
+for kind, *_ in events(partial(waits, Path(sys.argv[1])), [1], 1):
+    if kind is Kind.TOLD:
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
+def test_a_process_ends_with_a_main_process_that_is_killed(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", KILLED, str(tmp_path)]
+    path = os.pathsep.join(sys.path)
+    # Both processes hold the pipe of this test: it closes when both have ended.
+    done = subprocess.run(
+        words, capture_output=True, check=False, timeout=30, env={**os.environ, "PYTHONPATH": path}
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (-9, b"", b"")
+    assert (tmp_path / "1").exists()  # it had time to clean up
+
+
 SIGHUP_FOR_ALL = """
 import os, signal, time
 from multiprocessing import resource_tracker
