@@ -39,7 +39,7 @@ def _close_all() -> None:
     """
     running = list(_running)
     for each in running:
-        each.close(SystemExit)
+        each.close(SystemExit())
     for each in running:
         each.join_caller()
 
@@ -76,7 +76,7 @@ class Prefetch(Generic[Item]):
         for _ in range(ahead):
             self._free_places.put(None)
         self._stop = threading.Event()
-        self._end: type[BaseException] | None = None  # which the caller gets from now on
+        self._end: BaseException | None = None  # which the caller gets from now on
         self._caller: threading.Thread | None = None
         self._thread = threading.Thread(target=self._run, name="oppload-ahead", daemon=True)
         self._alone = not _started(self._thread)
@@ -100,19 +100,20 @@ class Prefetch(Generic[Item]):
             except queue.Empty:
                 stop_if_asked()
         if isinstance(item, _End):
-            self._end = self._end or StopIteration
+            self._end = self._end or StopIteration()
             raise item.error
         if not self._on_drop:  # else nobody takes the places, which would fill the memory
             self._free_places.put(None)
         return item
 
-    def close(self, end: type[BaseException] = StopIteration) -> bool:
+    def close(self, end: BaseException | None = None) -> bool:
         """Stop the thread and join it; return whether it has ended. May be called twice.
 
         A thread that has not ended waits for a device or a network. The caller must not close the
-        objects that the thread uses. A caller in another thread gets `end` in place of an item.
+        objects that the thread uses. A caller that wants a further item gets `end`, by default
+        StopIteration.
         """
-        self._end = end
+        self._end = self._end or end or StopIteration()
         if self._alone:
             return True
         self._stop.set()
@@ -133,7 +134,7 @@ class Prefetch(Generic[Item]):
                 if not self._on_drop:
                     self._free_places.get()
                 if self._stop.is_set():
-                    end = (self._end or StopIteration)()
+                    end = self._end or end
                     break
                 self._made.put(next(self._items))
                 if self._on_drop and self._made.qsize() > self._ahead:

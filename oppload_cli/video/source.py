@@ -120,7 +120,11 @@ class Video:
         self.decode.dropped += 1
 
     def close(self) -> None:
-        """Stop the decoding thread, wait for its end, and close the input; may be called twice."""
+        """Stop the decoding thread, wait for its end, and close the input; may be called twice.
+
+        A loop over the frames that has not ended, for example in another thread, gets a
+        SourceError.
+        """
         stop(self._source, self._prefetch)
 
     def _frames(self) -> Iterator[Frame]:
@@ -189,8 +193,10 @@ def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
     `ahead` is the thread that takes the pictures, if there is one. May be called twice.
     """
     source.stopping = True
+    # A caller in another thread would take StopIteration for the end of the video.
+    closed = SourceError(f"{source.facts.name}: was closed before its last frame; open it again")
     # If the thread does not end, because it waits for a device or a network, the source stays open.
-    if ahead is None or ahead.close():
+    if ahead is None or ahead.close(closed):
         source.close()
 
 

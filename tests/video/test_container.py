@@ -406,3 +406,17 @@ def test_the_error_names_a_file_that_is_no_video(
         open_video(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_video_that_is_closed_in_the_middle_does_not_look_complete(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.avi", grey_frames(40))
+    video = open_video(path)
+    frames = iter(video)
+    next(frames)
+    video.close()
+    for _ in range(2):
+        with pytest.raises(SourceError, match=r"a.avi: was closed before its last frame"):
+            next(frames)
+    with open_video(path) as video:
+        assert len(list(video)) == 40
+    assert not list(video)  # nothing is missing
