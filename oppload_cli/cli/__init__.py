@@ -285,7 +285,13 @@ def _is_nowhere() -> bool:
 
 
 def say(line: str) -> None:
-    """Print one line on standard error; control characters in it are escaped."""
+    """Print one line on standard error; control characters in it are escaped.
+
+    If a signal has come and nobody reads standard error, the line is lost.
+    """
+    while sys.stderr is not None and not signals.takes_a_line(sys.stderr):
+        if signals.received():
+            return
     with suppress(OSError):  # the program that reads standard error may have ended
         click.echo(printable(line), err=True)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import select
 import sys
 import threading
 import time
@@ -37,7 +36,7 @@ from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL_COLUMNS
 from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, exists_already
 from oppload_cli.processes import cores
-from oppload_cli.processes.signals import POLL_S, stop_if_asked
+from oppload_cli.processes.signals import stop_if_asked, takes_a_line
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.results.truths import facts_of_truth, read_truth
@@ -203,16 +202,13 @@ def _write_stream(run: _Run, started: float) -> None:
     stream: IO[str] | None = sys.stdout
     if stream is None:  # Python's value of a closed standard output: "oppload ... >&-"
         raise OutputError("standard output: is closed; open it, or give a folder with --output")
-    waiting: list[int] = []
     if sys.platform != "win32":
+        # If the reader is slow, Python drops rows in silence where writing does not wait.
         with suppress(OSError):  # a stream of a test is no file of the system
-            # If the reader is slow, Python drops rows in silence where writing does not wait.
             os.set_blocking(stream.fileno(), True)
-            waiting.append(stream.fileno())
 
     def wait() -> None:
-        """Wait for the reader: while a write waits for it, Ctrl-C has no effect."""
-        while waiting and not select.select((), waiting, (), POLL_S)[1]:
+        while not takes_a_line(stream):
             stop_if_asked()
 
     def write(record: FrameRecord) -> None:

@@ -9,10 +9,12 @@ no effect, as ``timeout`` and others send each signal twice: to the process, and
 
 from __future__ import annotations
 
+import select
 import signal
+import sys
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,6 +63,20 @@ def stop_if_asked() -> None:
     """Raise KeyboardInterrupt if a signal has asked the program to stop."""
     if _received:
         raise KeyboardInterrupt
+
+
+def takes_a_line(stream: IO[str]) -> bool:
+    """Wait a moment for the program that reads a stream; return whether a line can be written.
+
+    A write to a full pipe would wait for ever, and no signal would end it. The result is True where
+    the system cannot tell.
+    """
+    if sys.platform == "win32":
+        return True
+    try:
+        return bool(select.select((), (stream,), (), POLL_S)[1])
+    except (OSError, ValueError):  # not a file of the system, or closed: writing tells
+        return True
 
 
 def ending(code: int | None) -> str:

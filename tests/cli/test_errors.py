@@ -9,12 +9,16 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
-from oppload_cli.cli import main
+from oppload_cli.cli import main, say
 from tests.cli import process
 from tests.cli.inside import oppload
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 def prepared(folder: Path) -> None:
@@ -171,24 +175,43 @@ def test_a_reader_that_is_slow_loses_no_row(clip: Path) -> None:
         assert (ended.value.code or 0, waits, len(rows.result())) == (0, True, 25)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
-def test_a_reader_that_never_reads_does_not_hold_back_an_interruption(
-    clip: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted() -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("oppload_cli.pipeline.execute.stop_if_asked", interrupted)
+@pytest.fixture
+def full() -> Iterator[io.TextIOWrapper]:
+    """A pipe that takes no further byte, as nobody reads it."""
     read, write = os.pipe()
     os.set_blocking(write, False)
     with suppress(BlockingIOError):
         while True:
             os.write(write, bytes(4096))
-    with io.FileIO(read), io.TextIOWrapper(io.FileIO(write, "w")) as full, redirect_stdout(full):
-        err = io.StringIO()
-        with redirect_stderr(err), pytest.raises(SystemExit) as ended:
-            main(["run", str(clip), "-o", "-", "-q"])
-    assert (ended.value.code, err.getvalue().strip()) == (130, "oppload: interrupted")
+    with io.FileIO(read), io.TextIOWrapper(io.FileIO(write, "w")) as stream:
+        yield stream
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
+def test_a_reader_that_never_reads_does_not_hold_back_an_interruption(
+    clip: Path, full: io.TextIOWrapper, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("oppload_cli.pipeline.execute.stop_if_asked", interrupted)
+    err, ended = io.StringIO(), pytest.raises(SystemExit)
+    with redirect_stdout(full), redirect_stderr(err), ended as code:
+        main(["run", str(clip), "-o", "-", "-q"])
+    assert (code.value.code, err.getvalue().strip()) == (130, "oppload: interrupted")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
+def test_after_a_signal_no_message_waits_for_its_reader(
+    full: io.TextIOWrapper, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printed: list[str] = []
+    monkeypatch.setattr("click.echo", lambda line, **_: printed.append(line))
+    monkeypatch.setattr("oppload_cli.processes.signals._received", [15])
+    say("read")
+    with redirect_stderr(full):
+        say("not read")
+    assert printed == ["read"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
