@@ -169,8 +169,8 @@ class OpplodParams(DpcParams):
         low=0.1,
         high=60,
     )
-    # With 0.228 s and a quarter of a step, the adaptation begins as soon as frames count for the
-    # alarm, at every rate from 12 frames/s on; at 30 frames/s it leaves out the latest 7 frames.
+    # With 0.228 s and a quarter of a step, the adaptation begins with the first frame that counts
+    # for the alarm, at 24 frames/s and more.
     adaptation_guard_s: float = parameter(
         0.228, "time before the latest frame that the background of R leaves out", low=0, high=60
     )

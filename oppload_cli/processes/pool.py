@@ -133,8 +133,8 @@ class _Workers:
         """Yield results of processes that were asked to stop: a live input ends well by it."""
         self._items = iter(())
         deadline = time.monotonic() + _STOP_WITHIN_S
-        while self._busy and (ready := wait(list(self._busy), deadline - time.monotonic())):
-            for each in ready:
+        while self._busy and (left := deadline - time.monotonic()) > 0:
+            for each in wait(list(self._busy), left):
                 happened = self._heard(cast("Connection", each))
                 yield from (event for event in happened if event.kind is Kind.DONE)
 
