@@ -153,6 +153,11 @@ def _written(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else repr(value)
 
 
+def is_integer(value: Any, least: int) -> bool:
+    """Return whether a value is an integer (also of NumPy) of at least `least`."""
+    return isinstance(value, numbers.Integral) and int(value) >= least
+
+
 def _exact(bound: float) -> str:
     short = f"{bound:g}"
     return short if float(short) == bound else f"{bound:.17g}"

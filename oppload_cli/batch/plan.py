@@ -367,7 +367,7 @@ class Tally:
 def failed_in(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield the stem and the error of each input that failed, from a folder's lists of failures.
 
-    The lists are those of one batch, or of its shards. A list that cannot be read is passed over.
+    The lists are those of one batch, or of its shards. A list that cannot be read is skipped.
     """
     for path in filter(is_file, sorted(folder.glob("failures*.csv"))):  # a pipe might never end
         with (

@@ -216,7 +216,7 @@ class Places:
         maps : UnitMaps
             The units at that frame.
         luma : ndarray of float32, shape (height, width)
-            The working frame.
+            The working frame; it is kept, not copied.
         time_s : float
             Its presentation time in seconds.
 

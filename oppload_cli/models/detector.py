@@ -9,14 +9,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from numbers import Integral
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.timebase import Clock
-from oppload_cli.schema import Parameters
+from oppload_cli.schema import Parameters, is_integer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -36,7 +35,7 @@ def checked_shape(shape: object) -> tuple[int, int]:
     Raises ParameterError unless these are two integers of at least 1.
     """
     sides = tuple(shape) if isinstance(shape, Sequence) and not isinstance(shape, str) else ()
-    if len(sides) != 2 or not all(isinstance(each, Integral) and int(each) >= 1 for each in sides):
+    if len(sides) != 2 or not all(is_integer(side, 1) for side in sides):
         given = " ".join(repr(shape).split())  # that of an image has several lines
         raise ParameterError(
             f"shape must be height and width in pixels, not {given:.60}; of an image give "

@@ -7,11 +7,11 @@ import os
 from collections import deque
 from dataclasses import dataclass, field
 from fractions import Fraction
-from numbers import Integral
 from statistics import fmean, median, median_low
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from oppload_cli.errors import ParameterError, SourceError
+from oppload_cli.schema import is_integer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -406,11 +406,6 @@ def sizes_in_words(facts: InputFacts, working: WorkingSize) -> str:
 def turned(width: int, height: int, rotation: int) -> tuple[int, int]:
     """Return width and height of a picture after a turn by 0, 90, 180 or 270 degrees."""
     return (height, width) if rotation in (90, 270) else (width, height)
-
-
-def is_integer(value: Any, least: int) -> bool:
-    """Return whether a value is an integer (also of NumPy) of at least `least`."""
-    return isinstance(value, Integral) and int(value) >= least
 
 
 MAX_PIXELS = "OPPLOAD_MAX_PIXELS"  # an environment variable

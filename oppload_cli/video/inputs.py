@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, SourceError, cannot_read, without_login
 from oppload_cli.files.reading import fault_of_stem, is_file, is_folder, is_there, text_of
-from oppload_cli.video.frames import FrameTimes, is_integer
+from oppload_cli.schema import is_integer
+from oppload_cli.video.frames import FrameTimes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

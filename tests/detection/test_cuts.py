@@ -237,7 +237,7 @@ def test_nor_at_another_frame_rate(rate: int) -> None:
 def test_of_pans_over_patches_those_that_rise_give_more_alarms(
     speeds: Sequence[int], rise: int, alarmed: int
 ) -> None:
-    """The adaptation is 0.25 s behind a pan that becomes faster."""
+    """The adaptation is 0.23 s behind a pan that becomes faster."""
     pans = (scenes.patches(60, *each, rise) for each in product(speeds, (6, 12, 18), range(1, 5)))
     assert sum(bool(alarms(Film(scenes.out_of_rest(each)), "default")) for each in pans) == alarmed
 
