@@ -205,7 +205,8 @@ class Photoreceptors:
             frame.change = photoreceptors(luma, luma_before)
             frame.mean = cv2.mean(frame.change)[0]
             frame.share = nearly_one(self.stride / (frame.at - frame.before.at))
-        if self._now is None or (compared and not frame.mean):
+        # Before the first comparison the scene is at rest while frames equal the first one.
+        if not (frame.mean if compared else self._lumas and np.any(luma != self._lumas[0][1])):
             self._rest = frame.at
         if self._now is not None:
             self.elapsed = nearly_one(frame.at - self._now)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -53,6 +54,8 @@ class Prepared(NamedTuple):
     frame: Frame
     repeat: Repeat
     opponency: RmoMetrics | None
+    # Whether this is the second picture, after equal frames: repeats, or a scene at rest.
+    undecided: bool = False
     # All frames before this one, if their repeats are now better known: the detectors begin again.
     again: Sequence[Prepared] = ()
 
@@ -80,7 +83,7 @@ class Preparation:
         return prepared if self._first is None else self._again(self._first, prepared)
 
     def _again(self, first: list[Prepared], latest: Prepared) -> Prepared:
-        """Return the latest frame; if a cadence is known now, with the first frames once more."""
+        """Return the latest frame; if the first ones are better known now, with them once more."""
         still = latest.repeat.kind == EXACT and not latest.repeat.passed_over
         if still and all(each.repeat.kind == EXACT for each in first[1:]):
             first.clear()  # the video begins at rest: the frames count from the last one at rest
@@ -89,12 +92,21 @@ class Preparation:
         if seconds > _FIRST_S or len(first) * latest.frame.luma.nbytes > _FIRST_BYTES:
             self._first = None
             return latest
-        if not self.repeats.is_cadence:
-            return latest
-        self._first = None
-        found = self.repeats.again([(each.frame.luma, each.frame.time_s) for each in first])
-        *again, latest = (each._replace(repeat=r) for each, r in zip(first, found, strict=True))
-        return latest._replace(again=again)
+        if self.repeats.is_cadence:
+            self._first = None
+            found = self.repeats.again([(each.frame.luma, each.frame.time_s) for each in first])
+            *again, latest = (each._replace(repeat=r) for each, r in zip(first, found, strict=True))
+            return latest._replace(again=again)
+        seen = "".join("r" if each.repeat.passed_over else "p" for each in first)
+        if re.fullmatch("pr+p", seen):
+            return latest._replace(undecided=True)
+        if re.fullmatch("pr+pp", seen):
+            # No repeat follows the second picture: the first was not repeated, but stood still.
+            self.repeats.forget_cadence()
+            again = [e._replace(repeat=e.repeat._replace(passed_over=False)) for e in first[:-1]]
+            del first[:-3]  # the frames count from the last one at rest
+            return latest._replace(again=again)
+        return latest
 
 
 class DetectorPass:
@@ -206,9 +218,9 @@ class DetectorPass:
             self._passed_over_s.append(time_s)
         else:
             responses = bank.respond(prepared.frame.luma, time_s + repeat.shift_s)
-        if not repeat.kind:
+        if not repeat.kind and not prepared.undecided:
             return responses
-        # If nothing changed, every detector responds with 0, whatever its earlier responses.
+        # If nothing changed, or in an unknown time, every detector responds with 0.
         lasted = float(self.count - 1)  # intervals
         if self._per_second:
             lasted = (time_s - self._first_s) * self._per_second

@@ -216,6 +216,10 @@ class Repeats:
         self.exact, self.near, self._frames = counts
         return found
 
+    def forget_cadence(self) -> None:
+        """Forget all proved runs: the first picture was not repeated, but stood still."""
+        self._proofs.clear()
+
     def _even_time(self, time_s: float) -> float:
         """Return the time at which the picture was taken that a frame shows first.
 
