@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 _NEIGHBOURS, _WITHIN_6 = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
 _MOST_ELAPSED = 1.3  # largest weight of a frame in intervals; the step at 24 frames/s is 1.25
 _AN_INTERVAL = 0.75  # least age in intervals of the R that counts as that of an interval ago
+_STILL = 1e-4  # mean P below which the scene is at rest, though an encoder changes it a little
 _POOLED_SIGMAS = 5  # reach of pooling in sigmas: pixels further away weigh less than a millionth
 
 
@@ -405,7 +406,7 @@ class PooledJudgement(CellJudgement):
         opponency, of_all = both
         sudden = self._is_sudden(now, float(opponency.max()), photoreceptors.elapsed)
         if params.adaptation_level:
-            factor = self._adaptation(float(of_all.max()), photoreceptors.elapsed)
+            factor = self._adaptation(float(of_all.max()), photoreceptors)
             opponency *= np.float32(factor)
         responses = enhanced(opponency, params.gain, params.threshold)
         self.maps = self.maps._replace(responses=responses)
@@ -440,14 +441,14 @@ class PooledJudgement(CellJudgement):
         cv2.accumulateWeighted(both.reshape(rows), self._persistent.reshape(rows), weight)
         return self._persistent.copy()
 
-    def _adaptation(self, best: float, elapsed: float) -> float:
+    def _adaptation(self, best: float, photoreceptors: Photoreceptors) -> float:
         """Return ``min(1, level / B)``, the factor of R, B being the background of the largest R.
 
         The factor is below 1 in scenes full of opponent motion (``docs/presets.md``).
         """
-        if not best:  # a frame without R does not count as background
+        if not best or photoreceptors.means[0] < _STILL:  # frames at rest are no background
             return 1.0
-        self._moving += elapsed
+        self._moving += photoreceptors.elapsed
         background = self._background.step(best, self._moving)
         return min(1.0, self._params.adaptation_level / background) if background else 1.0
 

@@ -573,7 +573,9 @@ def test_a_pause_of_any_length_at_the_start_changes_nothing(rate: int, params: P
 
     def responses(pause: int) -> list[float]:
         shown = np.array([moving[0]] * pause + moving)
-        found = [each.responses["opplod"] for each in analyse(shown, [params], rate=rate, rmo=False)]
+        found = [
+            each.responses["opplod"] for each in analyse(shown, [params], rate=rate, rmo=False)
+        ]
         return [each.response if each else 0.0 for each in found[pause:]]
 
     without = responses(0)
