@@ -2,10 +2,11 @@
 
     python -m benchmarks.places                  # on stimuli: focus, box, time to contact
     python -m benchmarks.places --clips FOLDER   # on labelled clips: winning unit and box
+    python -m benchmarks.places --roll           # staged approaches seen by a camera that rolls
     python -m benchmarks.places --cost FOLDER    # processor time
 
-The first two use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv``
-and ``boxes.json`` as for ``oppload evaluate``.
+All but the last use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv`` and
+``boxes.json`` as for ``oppload evaluate``.
 """  # fmt: skip
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+import cv2
 import numpy as np
 
 from oppload_cli import FrameRecord, Opplod, OpplodResponse, analyse, open_video, stimulus
@@ -28,10 +30,12 @@ from oppload_cli.evaluation.manifest import Entry, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.measures import overlap
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.sources import StimulusVideo
-from oppload_cli.stimulus.truth import ObjectTruth, frame_truth
+from oppload_cli.stimulus.truth import ObjectTruth, contact_time, frame_truth
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
 
     from oppload_cli.models.detector import Box
     from oppload_cli.stimulus.protocol import Protocol
@@ -41,6 +45,8 @@ LAST_S = 0.5  # time before contact in which times to contact are compared
 NEAR_CONTACT = 15  # frames
 LOOM = "klapoetke2017/loom-l-over-v"
 L_OVER_V = "disk.growth.l_over_v_ms"
+STAGED = "staged/collision"
+ROLLS = 0, 15, 30, 60, 120  # deg/s
 ASIDE = {"disk.centre_deg": [12, -9], "disk.growth.most_deg": 40}
 CONDITIONS: list[tuple[str, str, dict[str, Any]]] = [
     *((f"disk, l/v {ms} ms", LOOM, {L_OVER_V: ms}) for ms in (20, 30, 40, 60, 80, 100)),
@@ -156,6 +162,57 @@ def _contact_table(preset: str) -> Iterator[str]:
     yield everything.row("**all**")
     within, count = sum(everything.certain), len(everything.certain)
     yield f"true time within twice the error: {within} of {count}"
+
+
+def _rolled(frames: Sequence[NDArray[np.float32]], turn_deg: float) -> NDArray[np.float32]:
+    """Turn each frame about its middle by `turn_deg` more than the frame before."""
+    height, width = frames[0].shape
+    middle = (width - 1) / 2, (height - 1) / 2
+    turned = [
+        cv2.warpAffine(
+            frame,
+            cv2.getRotationMatrix2D(middle, turn_deg * number, 1),
+            (width, height),
+            borderMode=cv2.BORDER_REFLECT,
+        )
+        for number, frame in enumerate(frames)
+    ]
+    return np.clip(np.array(turned, np.float32), 0, 1)
+
+
+def _roll_table(preset: str) -> Iterator[str]:
+    """Yield the table of staged approaches seen by a camera that rolls about its axis."""
+    params = [parameters_of("opplod", preset)]
+    approaches = []
+    for protocol in stimulus.load_all(STAGED)[::3]:
+        video = StimulusVideo(protocol, 240)
+        approaches.append((contact_time(protocol) or 0.0, [frame.luma for frame in video]))
+    yield "| roll, deg/s | with an alarm | lead | given | median error | within 20 % |"
+    yield "|---|---|---|---|---|---|"
+    for roll in ROLLS:
+        leads, errors, count = [], [], 0
+        for contact_s, frames in approaches:
+            shown = _rolled(frames, roll / 30)
+            records = list(analyse(shown, params, rate=30, height=240, preset=preset, rmo=False))
+            before = [contact_s - record.time_s for record in records]
+            leads += [s for s, each in zip(before, records, strict=True) if each.alarms["opplod"]][
+                :1
+            ]
+            for left_s, record in zip(before, records, strict=True):
+                count += 0 < left_s <= LAST_S
+                found = record.objects["opplod"]
+                if found and found.time_to_contact_s and 0 < left_s <= LAST_S:
+                    errors.append(abs(found.time_to_contact_s / left_s - 1))
+        leads = [lead for lead in leads if lead > 0]
+        cells = [
+            str(roll),
+            f"{len(leads)} of {len(approaches)}",
+            f"{statistics.median(leads):.2f} s",
+            f"{len(errors)} of {count}",
+            f"{100 * statistics.median(errors):.1f} %",
+            f"{sum(error <= 0.2 for error in errors)}",
+        ]
+        yield f"| {' | '.join(cells)} |"
 
 
 def _localisation(folder: Path, preset: str) -> Iterator[str]:
@@ -286,11 +343,14 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--clips", type=Path, metavar="FOLDER")
+    parser.add_argument("--roll", action="store_true")
     parser.add_argument("--cost", type=Path, metavar="FOLDER")
     parser.add_argument("--preset", default="reference", metavar="NAME")
     arguments = parser.parse_args()
     if arguments.clips:
         table = _localisation(arguments.clips, arguments.preset)
+    elif arguments.roll:
+        table = _roll_table(arguments.preset)
     elif arguments.cost:
         table = _cost(arguments.cost)
     else:

@@ -36,7 +36,7 @@ _NOISE = 1 / 255  # noise of a sample: one grey level of 8 bits
 _ALIKE = 9  # errors of 3 x 3 neighbouring samples are correlated: one in 9 is independent
 _MOST_SAMPLES = 256  # largest number of growths kept, for very high frame rates
 _TOO_FAR = 2.5  # contact times further from the mean, in standard deviations, are dropped once
-_PRIOR = _NOISE**2 * np.eye(3)  # keeps a, b or k small if the frame does not determine it
+_PRIOR = _NOISE**2 * np.eye(4)  # keeps a, b, k or w small if the frame does not determine it
 _BEYOND = -1e3  # value of samples outside the frame; luminance is at least 0
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
@@ -200,7 +200,7 @@ class Pyramid:
     def __init__(self, luma: Map) -> None:
         self._levels = [luma]
 
-    def samples(self, region: Region, level: int) -> Map:
+    def samples(self, region: Region, level: int, turn: float = 0.0) -> Map:
         """Return evenly spaced samples of a region.
 
         Parameters
@@ -209,6 +209,8 @@ class Pyramid:
             Centre (x, y) and half sizes in pixels of the frame.
         level : int
             0 for the frame, 1 for half its size and so on.
+        turn : float
+            Angle in radians by which the samples are turned, clockwise.
 
         Returns
         -------
@@ -220,12 +222,14 @@ class Pyramid:
         x, y, half_x, half_y = region
         scale = 0.5**level
         step_x, step_y = 2 * half_x / SIDE * scale, 2 * half_y / SIDE * scale
+        cosine, sine = math.cos(turn), math.sin(turn)
+        to_x, to_y = (step_x * cosine, -step_y * sine), (step_x * sine, step_y * cosine)
         # Here pixel i covers [i, i + 1); OpenCV's coordinates start at the centre of pixel 0.
-        first_x = (x - half_x) * scale + step_x / 2 - 0.5
-        first_y = (y - half_y) * scale + step_y / 2 - 0.5
+        first_x = x * scale - 0.5 - (SIDE - 1) / 2 * sum(to_x)
+        first_y = y * scale - 0.5 - (SIDE - 1) / 2 * sum(to_y)
         samples = cv2.warpAffine(
             self._levels[level],
-            np.array([[step_x, 0.0, first_x], [0.0, step_y, first_y]]),
+            np.array([[*to_x, first_x], [*to_y, first_y]]),
             (SIDE, SIDE),
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_CONSTANT,
@@ -237,10 +241,11 @@ class Pyramid:
 def growth(now: Pyramid, before: Pyramid, region: Region, start: float = 0.0) -> Growth | None:
     """Measure how much the content of a region has grown since an earlier frame.
 
-    Let p be a point of the region, measured from the region's middle. In the earlier frame the same
-    point of the object is at ``p + (a, b) + k p``: (a, b) is the displacement, and k the shrinkage
-    from the later to the earlier frame. Least squares over the region's ellipse give a, b and k;
-    each round applies them to the region of the earlier frame.
+    Let p be a point of the region, measured from the region's middle, and q the same offset turned
+    by 90 degrees. In the earlier frame the same point of the object is at
+    ``p + (a, b) + k p + w q``: (a, b) is the displacement, k the shrinkage from the later to the
+    earlier frame, and w the turn, as by a camera that rolls. Least squares over the region's
+    ellipse give a, b, k and w; each round applies them to the region of the earlier frame.
 
     Parameters
     ----------
@@ -262,40 +267,44 @@ def growth(now: Pyramid, before: Pyramid, region: Region, start: float = 0.0) ->
     # At this level the region has about SIDE to 2 SIDE pixels across.
     level = max(0, math.floor(math.log2(2 * math.sqrt(half_x * half_y) / SIDE)))
     here = now.samples(region, level)
-    seen, steps = _steps(here)
+    seen, steps = _steps(here, half_x / half_y)
     exact = steps.astype(np.float64)  # the matrix is nearly singular for a single straight edge
     _, inverse = cv2.invert(exact @ exact.T + _PRIOR)
     flat = here.ravel()
-    scale, a, b = 1 + start, 0.0, 0.0
+    scale, a, b, turn = 1 + start, 0.0, 0.0, 0.0
     for _ in range(_ROUNDS):
         region = (x + a * half_x, y + b * half_y, scale * half_x, scale * half_y)
-        there = before.samples(region, level).ravel()
+        there = before.samples(region, level, turn).ravel()
         both = seen & (there >= 0)
         count = int(np.count_nonzero(both))
         if count < _LEAST_SEEN * SIDE**2:
             return None
         rest = (there - flat) * both
-        moved_a, moved_b, shrunk = (inverse @ (steps @ rest)).tolist()
+        moved_a, moved_b, shrunk, turned = (inverse @ (steps @ rest)).tolist()
         if shrunk <= -1:
             return None
         scale /= 1 + shrunk
-        a, b = a - scale * moved_a, b - scale * moved_b
+        a, b, turn = a - scale * moved_a, b - scale * moved_b, turn - turned
         if not 1 / _MOST_GROWTH < scale < _MOST_GROWTH or max(abs(a), abs(b)) > _FURTHEST:
             return None
     variance = max(float(rest @ rest) / count, _NOISE**2)
     return Growth(scale - 1, math.sqrt(_ALIKE * variance * float(inverse[2, 2])))
 
 
-def _steps(here: Map) -> tuple[NDArray[np.bool_], Map]:
-    """Return which samples count, and the derivatives of each sample with respect to a, b and k."""
+def _steps(here: Map, aspect: float) -> tuple[NDArray[np.bool_], Map]:
+    """Return which samples count, and each sample's derivatives with respect to a, b, k and w.
+
+    `aspect` is the width of the region divided by its height.
+    """
     across, down, within = _grid()
     seen = within & (cv2.erode(here, _NEIGHBOURS) >= 0)
-    steps = np.zeros((3, SIDE, SIDE), np.float32)
+    steps = np.zeros((4, SIDE, SIDE), np.float32)
     steps[0, :, 1:-1] = here[:, 2:] - here[:, :-2]
     steps[1, 1:-1] = here[2:] - here[:-2]
     steps *= seen * np.float32(SIDE / 4)  # differences over two samples, made per half size
     steps[2] = steps[0] * across + steps[1] * down
-    return seen.ravel(), steps.reshape(3, -1)
+    steps[3] = steps[1] * across * aspect - steps[0] * down / aspect
+    return seen.ravel(), steps.reshape(4, -1)
 
 
 @cache

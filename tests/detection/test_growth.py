@@ -17,10 +17,11 @@ WIDTH, HEIGHT = 320, 240
 REGION = 150.0, 110.0, 60.0, 50.0
 
 
-def patterned(scale: float, x: float = 150, y: float = 110) -> Luma:
-    """A pattern at a scale, about a place that is at (150, 110) of the pattern."""
-    across = (np.arange(WIDTH) + 0.5 - x)[None, :] / scale
-    down = (np.arange(HEIGHT) + 0.5 - y)[:, None] / scale
+def patterned(scale: float, x: float = 150, y: float = 110, turn: float = 0.0) -> Luma:
+    """A pattern at a scale, turned about a place that is at (150, 110) of the pattern."""
+    right, below = (np.arange(WIDTH) + 0.5 - x)[None, :], (np.arange(HEIGHT) + 0.5 - y)[:, None]
+    across = (right * np.cos(turn) + below * np.sin(turn)) / scale
+    down = (below * np.cos(turn) - right * np.sin(turn)) / scale
     waves = np.sin(across / 6 + 1) + np.cos(down / 8) + np.sin((across + 2 * down) / 15)
     return np.asarray(0.5 + 0.15 * waves, np.float32)
 
@@ -42,6 +43,16 @@ def test_the_growth_of_a_pattern(scale: float, moved: tuple[int, int]) -> None:
 
 def test_what_only_moves_does_not_grow() -> None:
     assert grown(patterned(1), patterned(1, 145, 113)).shrinkage == pytest.approx(0, abs=5e-4)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.05])
+@pytest.mark.parametrize("degrees", [-5, 3])
+def test_a_turn_is_not_taken_for_growth(scale: float, degrees: int) -> None:
+    """As by a camera that rolls: 3 degrees between two frames are 90 degrees/s."""
+    before = patterned(1, 152, 109, turn=np.radians(degrees))
+    shrinkage, error = grown(patterned(scale), before)
+    assert shrinkage == pytest.approx(1 / scale - 1, abs=1e-3)
+    assert error < 0.002
 
 
 def test_a_large_growth_is_found_from_a_start_near_it() -> None:
