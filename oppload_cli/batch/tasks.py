@@ -42,9 +42,7 @@ from oppload_cli.video.inputs import is_camera
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from oppload_cli.pipeline.task import Outcome, Task, Watcher
-    from oppload_cli.results.table import FrameRecord
-    from oppload_cli.video.source import Video
+    from oppload_cli.pipeline.task import Outcome, Task
 
 
 ANSWER_WITHIN_S = 8.0  # of a scheduler; Python takes up to 2 s more until the error is printed
@@ -133,13 +131,13 @@ def _run_in_processes(tasks: Iterable[Task], jobs: int, observer: _Observer) -> 
                 raise content
 
 
-def _attempt(task: Task, watcher: Watcher) -> Outcome | Failure:
+def _attempt(task: Task, count: Seldom) -> Outcome | Failure:
     """Run one task; return a Failure instead of raising an error, so that the others can go on.
 
     If the user stops a live input, its result is complete, and its outcome is returned.
     """
     try:
-        return run_task(task, watcher)
+        return run_task(task, on_frame=lambda _record: count(1))
     except Interrupted as stop:
         if stop.outcome is None:
             raise
@@ -165,26 +163,12 @@ def _failed(task: Task, message: str, code: int = ExitCode.USAGE) -> Failure:
     return Failure(task.name, task.stem, code, message)
 
 
-class _Counting:
-    """A watcher of a task that counts its frames."""
-
-    def __init__(self, count: Seldom) -> None:
-        self._count = count
-
-    def opened(self, video: Video) -> None:
-        """Do nothing: the progress of a batch does not show sizes."""
-
-    def frame(self, _record: FrameRecord) -> None:
-        """Count a frame."""
-        self._count(1)
-
-
 def _counted(
     task: Task, tell: Callable[[int], object], every_s: float = TELL_EVERY_S
 ) -> Outcome | Failure:
     """Run one task; call `tell` with numbers of frames, at most once in `every_s` seconds."""
     count = Seldom(tell, every_s)
-    result = _attempt(task, _Counting(count))
+    result = _attempt(task, count)
     count.flush()
     return result
 

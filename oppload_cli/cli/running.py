@@ -167,7 +167,7 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
     """Run one input with its progress; return the exit code."""
     progress = Progress(printable(task.name), options.verbosity, to_end=task.span.open_ended)
     try:
-        outcome = run_task(task, progress, opening)
+        outcome = run_task(task, on_open=progress.opened, on_frame=progress.frame, opening=opening)
     except SourceError as error:
         raise SourceError(f"{error}{_stimulus_of(task.name)}") from error
     except Interrupted as stop:

@@ -49,10 +49,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.pipeline.settings import Settings
-    from oppload_cli.pipeline.task import Watcher
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.schema import Parameters
     from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
+    from oppload_cli.video.source import Video
 
 
 # Dropped frames give a remark if they are a larger share, and more than the burst of frames with
@@ -63,13 +63,20 @@ _threads_lock = threading.Lock()
 _before: list[int] = []  # for each run at this time, OpenCV's number of threads before all of them
 
 
-def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None = None) -> Outcome:
+def run_task(
+    task: Task,
+    *,
+    on_open: Callable[[Video], object] | None = None,
+    on_frame: Callable[[FrameRecord], object] | None = None,
+    opening: Opening | None = None,
+) -> Outcome:
     """Analyse one input and write its results.
 
-    `watcher` is called for each frame. `opening`, if given, opens the same input at the same height
-    and span; this function closes it. Raises SourceError if nothing can be read (then nothing is
-    written), OutputError if a result exists or cannot be written, and Interrupted if the user stops
-    the run; then the rows so far stay as ``NAME.part``.
+    `on_open` takes the open input, `on_frame` the record of each frame after it was written.
+    `opening`, if given, opens the same input at the same height and span; this function closes it.
+    Raises SourceError if nothing can be read (then nothing is written), OutputError if a result
+    exists or cannot be written, and Interrupted if the user stops the run; then the rows so far
+    stay as ``NAME.part``.
     """
     kept = exists_already(task)
     if kept is not None:
@@ -84,9 +91,9 @@ def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None
         colour=task.outputs is not None and task.outputs.annotated is not None,
     )
     with opening.result() as video, _threads(video.working, task.threads):
-        if watcher:
-            watcher.opened(video)
-        run = _Run(task, video, watcher)
+        if on_open:
+            on_open(video)
+        run = _Run(task, video, on_frame)
         if task.outputs is None:
             _write_stream(run, started)
         else:
@@ -112,7 +119,7 @@ def collected(
     the source, if it has one, for the sidecar.
     """
     started = time.perf_counter()
-    run = _Run(Task(source.facts.name, settings), source, None, stimulus)
+    run = _Run(Task(source.facts.name, settings), source, stimulus=stimulus)
     with _threads(source.working, 0):
         run.analyse(source, keep)
     return run.columns, run.sidecar(time.perf_counter() - started)
@@ -238,12 +245,12 @@ class _Run:
         self,
         task: Task,
         video: DecodedSource,
-        watcher: Watcher | None,
+        on_frame: Callable[[FrameRecord], object] | None = None,
         stimulus: dict[str, Any] | None = None,
     ) -> None:
         self._task = task
         self.video = video
-        self._watcher = watcher
+        self._on_frame = on_frame
         self._summaries = {name: ModelSummary() for name in task.settings.models}
         self._alarms = {name: AlarmLog(name) for name in task.settings.models}
         self._repeats = Repeats(task.settings.repeats)
@@ -291,8 +298,8 @@ class _Run:
                 for name, summary in self._summaries.items():
                     summary.add(record, name)
                     self._alarms[name].add(record)
-                if self._watcher:
-                    self._watcher.frame(record)
+                if self._on_frame:
+                    self._on_frame(record)
         finally:  # if the user stops a live input, a thread still decodes and counts
             self._decode = copy(self.video.decode)
         if self.frames == 0 and self._task.span != Span():

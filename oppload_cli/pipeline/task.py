@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from fractions import Fraction
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import BusyError, OutputError, without_login
 from oppload_cli.files.atomic import PartFile, output_errors, part_of
@@ -161,16 +161,6 @@ class Outcome:
     def alarmed(self) -> bool:
         """Whether any detector had an alarm."""
         return any(each.alarms for each in self.verdicts)
-
-
-class Watcher(Protocol):
-    """An observer of the progress of a task."""
-
-    def opened(self, video: Video) -> None:
-        """React to the open input."""
-
-    def frame(self, record: FrameRecord) -> None:
-        """React to the record of a frame, after it was written."""
 
 
 class Interrupted(KeyboardInterrupt):

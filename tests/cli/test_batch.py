@@ -424,7 +424,7 @@ def test_live_inputs_are_finished_when_the_user_stops_them(
     """All their files are written then; so they count, and have a row like other inputs."""
     stopped: list[object] = []
 
-    def run_task(task: object, *_arguments: object) -> None:
+    def run_task(task: object, **_options: object) -> None:
         stopped.append(task)
         raise Interrupted("", Outcome(frames=7))
 

@@ -467,7 +467,7 @@ def test_an_interrupted_run_says_how_to_make_the_pages(
     table = write_numbered_result(tmp_path, "one")
     told = f"interrupted: all 7 rows are kept; 'oppload report {tmp_path}' makes the pages\n"
 
-    def stopped(*_arguments: object) -> None:
+    def stopped(*_arguments: object, **_options: object) -> None:
         raise Interrupted("all 7 rows are kept", Outcome())  # as a camera is stopped
 
     monkeypatch.setattr(running, "run_task", stopped)

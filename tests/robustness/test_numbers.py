@@ -165,10 +165,7 @@ class Meter:
         self.memory: list[int] = []
         self.files: list[int] = []
 
-    def opened(self, _video: object) -> None:
-        """Nothing to note."""
-
-    def frame(self, _record: object) -> None:
+    def __call__(self, _record: object) -> None:
         self._frames += 1
         if self._frames % self._every == 0:
             gc.collect()
@@ -190,7 +187,7 @@ def long_run(
     monkeypatch.setattr("oppload_cli.video.source.source_of", lambda name, *_: Endless(name, count))
     meter = Meter(500)
     task = Task("endless", settings, Outputs(folder / "a.csv", folder / "a.json"))
-    outcome = run_task(task, meter)
+    outcome = run_task(task, on_frame=meter)
     assert outcome.frames == count
     return meter
 
@@ -221,7 +218,7 @@ def test_memory_stays_flat_over_a_long_file(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.mp4", frames, codec="libx264", pixel_format="yuv420p")
     meter = Meter(1000)
     outputs = Outputs(tmp_path / "a.csv", tmp_path / "a.json")
-    run_task(Task(str(path), resolve(height="24"), outputs), meter)
+    run_task(Task(str(path), resolve(height="24"), outputs), on_frame=meter)
     check_flat(meter)
 
 
