@@ -11,11 +11,9 @@ from oppload_cli.cli.options import settings_options
 from oppload_cli.models.presets import NATIVE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from oppload_cli.pipeline.settings import Settings
-
-    Command = Callable[..., Any]
 
 
 @click.command(short_help="print every setting of a run with its origin")

@@ -1,15 +1,23 @@
-"""Measures shapes in rendered frames, for comparison with the ground truth."""
+"""Small stimuli, and shapes measured in their frames, to compare them with the ground truth."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
-from oppload_cli.stimulus import Effects, Object, Protocol, Renderer, frame_truth
+from oppload_cli.stimulus import (
+    Display,
+    Effects,
+    Object,
+    Protocol,
+    Renderer,
+    Timing,
+    frame_truth,
+)
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.kinematics import pose_of
 from oppload_cli.stimulus.objects import SIZED
@@ -25,6 +33,16 @@ if TYPE_CHECKING:
 LEAST_PX = 4.0
 # full pixels would round both sides of an upright square the same way, up to a pixel in all
 FINE = 4
+
+
+def made(
+    *objects: Object, seconds: float = 1.0, display: dict[str, Any] | None = None, **tables: Any
+) -> Protocol:
+    """Return a stimulus of 200 x 180 px at 5 px/deg, unless `display` says otherwise."""
+    usual = {} if display and "field_of_view_deg" in display else {"pixels_per_degree": 5}
+    screen = Display(**{"width": 200, "height": 180, **usual, **(display or {})})
+    values = {"timing": Timing(motion_s=seconds), **tables}
+    return Protocol(display=screen, objects=objects, **values)
 
 
 def worst_errors(protocol: Protocol, frames: Iterable[int]) -> tuple[float, float, int]:

@@ -105,16 +105,6 @@ def test_frame_rate_does_not_matter(
             assert second.edge_speed_deg_s == pytest.approx(first.edge_speed_deg_s, abs=1e-6)
 
 
-def test_144_hz_agrees_where_frames_coincide() -> None:
-    obj = disk(growth=Growth(kind="approach", l_over_v_ms=40))
-    for frame in range(0, 45, 5):
-        slow, fast = (made(obj, rate) for rate in (30, 144))
-        a, b = frame_truth(slow, frame), frame_truth(fast, frame * 144 // 30)
-        assert b.objects[0].angular_size_deg == pytest.approx(
-            a.objects[0].angular_size_deg, abs=1e-9
-        )
-
-
 def test_receding_is_the_same_backwards() -> None:
     growth = Growth(kind="edge-speed", speed_deg_s=10)
     obj = disk(size_deg=5, growth=growth, motion=Motion(speed_deg_s=4))

@@ -19,6 +19,7 @@ from oppload_cli.stimulus.patterns import (
     sine_wave,
     square_wave,
 )
+from tests.stimulus.measuring import made
 
 
 @pytest.mark.parametrize("angle", [0, 10, 45, 90, 133])
@@ -41,19 +42,10 @@ def test_average_over_the_pixel(wave: object, angle: float) -> None:
 @pytest.mark.parametrize("kind", ["square-grating", "sine-grating"])
 @pytest.mark.parametrize("axis", [0, 45, 90, 200])
 def test_drift_is_as_the_ground_truth_says(kind: str, axis: float) -> None:
-    protocol = stimulus.Protocol(
-        display=stimulus.Display(width=120, height=120, pixels_per_degree=4),
-        timing=stimulus.Timing(motion_s=0.5),
-        objects=(
-            stimulus.Object(
-                id="grating",
-                kind=kind,
-                period_deg=10,
-                axis_deg=axis,
-                motion=stimulus.Motion(speed_deg_s=20),
-            ),
-        ),
-    )
+    motion = stimulus.Motion(speed_deg_s=20)
+    obj = stimulus.Object(id="g", kind=kind, period_deg=10, axis_deg=axis, motion=motion)
+    display = {"width": 120, "height": 120, "pixels_per_degree": 4}
+    protocol = made(obj, seconds=0.5, display=display)
     rows, columns = np.mgrid[0:120, 0:120] + 0.5
     along = columns * np.cos(np.radians(axis)) - rows * np.sin(np.radians(axis))
     window = np.hanning(120)[:, None] * np.hanning(120)
@@ -68,9 +60,8 @@ def test_drift_is_as_the_ground_truth_says(kind: str, axis: float) -> None:
 
 def grating(**keys: Any) -> stimulus.Renderer:
     obj = stimulus.Object(id="g", **{"kind": "sine-grating", "period_deg": 10, **keys})
-    display = stimulus.Display(width=80, height=60, pixels_per_degree=2)
-    timing = stimulus.Timing(motion_s=1)
-    return stimulus.Renderer(stimulus.Protocol(display=display, timing=timing, objects=(obj,)))
+    display = {"width": 80, "height": 60, "pixels_per_degree": 2}
+    return stimulus.Renderer(made(obj, display=display))
 
 
 def test_the_phase_is_that_at_the_centre() -> None:
@@ -92,11 +83,8 @@ def test_a_zoomed_grating_is_one_of_a_longer_period(kind: str, axis: float) -> N
 def test_a_textured_disk_turns_counter_clockwise() -> None:
     motion = stimulus.Motion(rotation_deg_s=90)
     patch = stimulus.Object(id="p", kind="patch", size_deg=20, contrast=0.3, motion=motion)
-    display = stimulus.Display(width=60, height=60, pixels_per_degree=2)
-    timing = stimulus.Timing(motion_s=2)
-    renderer = stimulus.Renderer(
-        stimulus.Protocol(display=display, timing=timing, objects=(patch,))
-    )
+    display = {"width": 60, "height": 60, "pixels_per_degree": 2}
+    renderer = stimulus.Renderer(made(patch, seconds=2, display=display))
     turned = np.rot90(renderer.luminance(0))
     assert turned.std() > 0.1
     np.testing.assert_allclose(renderer.luminance(30), turned, atol=1e-4)
@@ -140,11 +128,7 @@ def test_dots_move_equally_far_together_or_each_in_its_own_direction(
         coherence=coherence,
         motion=stimulus.Motion(speed_deg_s=5, direction_deg=90),
     )
-    protocol = stimulus.Protocol(
-        display=stimulus.Display(width=60, height=60, pixels_per_degree=2),
-        timing=stimulus.Timing(motion_s=1),
-        objects=(dots,),
-    )
+    protocol = made(dots)
     field = DotField(dots, 0, 60.0)
     before, after = (field.positions(pose_of(protocol, dots, time)) for time in (0.0, 0.4))
     moved = after - before

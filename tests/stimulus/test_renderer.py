@@ -14,27 +14,11 @@ import pytest
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
-from oppload_cli.stimulus import (
-    Brightness,
-    Display,
-    Effects,
-    Growth,
-    Motion,
-    Object,
-    Protocol,
-    Renderer,
-    Scene,
-    Timing,
-)
+from oppload_cli.stimulus import Brightness, Effects, Growth, Motion, Object, Renderer, Scene
 from oppload_cli.stimulus.coverage import disk_coverage
 from oppload_cli.stimulus.geometry import Projection
 from tests.cli.process import python
-
-
-def made(*objects: Object, seconds: float = 1.0, scale: float = 5.0, **tables: Any) -> Protocol:
-    display = Display(width=200, height=180, pixels_per_degree=scale)
-    values: dict[str, Any] = {"timing": Timing(motion_s=seconds), **tables}
-    return Protocol(display=display, objects=objects, **values)
+from tests.stimulus.measuring import made
 
 
 def dark_area(frame: stimulus.StimulusFrame) -> float:
@@ -168,12 +152,9 @@ def test_an_object_has_the_grey_level_of_its_luminance_on_every_ground(
     kind: str, values: dict[str, Any]
 ) -> None:
     obj = Object(**{"id": "o", "kind": kind, "luminance": 0.1, **values})
-    greys = {
-        ground: int(Renderer(dataclasses.replace(made(obj), display=on)).grey(0)[90, 100])
-        for ground in (0.0, 0.3, 0.5, 1.0)
-        for on in [Display(width=200, height=180, pixels_per_degree=5, background=ground)]
-    }
-    assert set(greys.values()) == {26}  # 25.5, rounded half to even
+    for ground in (0.0, 0.3, 0.5, 1.0):
+        grey = Renderer(made(obj, display={"background": ground})).grey(0)
+        assert grey[90, 100] == 26  # 25.5, rounded half to even
 
 
 def test_invert_swaps_dark_and_light() -> None:
@@ -215,12 +196,13 @@ def test_aperture_and_background() -> None:
     assert frames[5][90].min() < 20
 
 
+WIDE = {"field_of_view_deg": 100, "projection": "perspective"}
+
+
 def test_perspective_is_the_tangent() -> None:
-    display = Display(width=300, height=300, field_of_view_deg=100, projection="perspective")
     eye = 150 / math.tan(math.radians(50))
     disk = Object(id="disk", kind="disk", size_deg=30, centre_deg=(25, 0))
-    protocol = Protocol(display=display, timing=Timing(motion_s=0.1), objects=(disk,))
-    frame = next(stimulus.frames(protocol))
+    frame = next(stimulus.frames(made(disk, display={"width": 300, "height": 300, **WIDE})))
     radius = eye * math.tan(math.radians(15))
     assert dark_area(frame) == pytest.approx(math.pi * radius**2, rel=1e-3)
     assert frame.truth.objects[0].centre_x_px == pytest.approx(
@@ -230,10 +212,9 @@ def test_perspective_is_the_tangent() -> None:
 
 def test_perspective_warps_patterns_the_same_way() -> None:
     """A cycle of a grating spans its angle wherever it is: edges lie at f tan(angle)."""
-    display = Display(width=400, height=40, field_of_view_deg=100, projection="perspective")
     grating = Object(id="g", kind="square-grating", period_deg=20)
-    protocol = Protocol(display=display, timing=Timing(motion_s=0.1), objects=(grating,))
-    row = next(stimulus.frames(protocol)).luma[20]
+    protocol = made(grating, display={"width": 400, "height": 40, **WIDE})
+    row = Renderer(protocol).luminance(0)[20]
     crossings = np.nonzero(np.diff((row > 0.5).astype(int)))[0] + 1
     eye = 200 / math.tan(math.radians(50))
     expected = [200 + eye * math.tan(math.radians(angle)) for angle in range(-40, 41, 10)]
@@ -255,8 +236,7 @@ def test_an_aperture_turns_and_shifts_with_the_scene_and_then_stays(moves: str) 
     scene = Scene(
         centre_deg=(12, -17), rotation_deg=90, motion=motion if moves == "scene" else None
     )
-    display = Display(width=80, height=60, pixels_per_degree=2)
-    protocol = Protocol(display=display, timing=Timing(motion_s=1), scene=scene, objects=(field,))
+    protocol = made(field, display={"width": 80, "height": 60, "pixels_per_degree": 2}, scene=scene)
     for frame in (0, 20):
         rows, columns = np.nonzero(Renderer(protocol).grey(frame) < 128)
         truth = stimulus.frame_truth(protocol, frame).objects[0]
@@ -270,15 +250,11 @@ def test_an_aperture_shows_the_pixels_of_the_whole_grating(
     kind: str, size: float, place: tuple[float, float]
 ) -> None:
     """Also where it has one pixel, or reaches the display by one column or row."""
-    display = Display(width=80, height=60, pixels_per_degree=2, projection="perspective")
+    display = {"width": 80, "height": 60, "pixels_per_degree": 2, "projection": "perspective"}
     whole = Object(id="g", kind=kind, period_deg=7, centre_deg=place)
     part = dataclasses.replace(whole, size_deg=size)
-    timing = Timing(motion_s=0.1)
-    full, seen = (
-        Renderer(Protocol(display=display, timing=timing, objects=(obj,))).luminance(0)
-        for obj in (whole, part)
-    )
-    projection = Projection.of(display)
+    full, seen = (Renderer(made(obj, display=display)).luminance(0) for obj in (whole, part))
+    projection = Projection.of(made(part, display=display).display)
     window, covered = disk_coverage(*projection.to_px(*place), projection.reach(size / 2), 60, 80)
     assert 1 in window.shape
     expected = np.ones_like(full)
@@ -360,8 +336,7 @@ def test_texture_moves_with_its_stated_speed() -> None:
 
 def test_texture_falls_as_one_over_frequency() -> None:
     ground = Object(id="g", kind="texture", contrast=0.15, finest_deg=0.4)
-    display = Display(width=256, height=256, pixels_per_degree=5)
-    protocol = Protocol(display=display, timing=Timing(motion_s=0.1), objects=(ground,), seed=1)
+    protocol = made(ground, display={"width": 256, "height": 256}, seed=1)
     picture = Renderer(protocol).luminance(0).astype(np.float64)
     assert picture.mean() == pytest.approx(0.5, abs=0.01)
     assert picture.std() == pytest.approx(0.075, rel=0.05)
@@ -399,18 +374,15 @@ def test_same_bytes_in_another_process() -> None:
 
 
 def test_frame_times_are_exact() -> None:
-    protocol = dataclasses.replace(
-        made(Object(id="f", kind="field")),
-        display=Display(width=20, height=20, pixels_per_degree=1, frame_rate=Fraction(30000, 1001)),
-    )
+    rate = Fraction(30000, 1001)
+    protocol = made(Object(id="f", kind="field"), display={"frame_rate": rate})
     times = [frame.time_s for frame in stimulus.frames(protocol)]
     assert times == [float(Fraction(index * 1001, 30000)) for index in range(30)]
 
 
 def test_too_many_dots_are_an_error() -> None:
     dots = Object(id="dots", kind="dots", dot_deg=0.1, dots_per_100deg2=10_000)
-    display = Display(width=64, height=64, field_of_view_deg=360)
-    protocol = Protocol(display=display, timing=Timing(motion_s=0.1), objects=(dots,))
+    protocol = made(dots, display={"field_of_view_deg": 360})
     with pytest.raises(StimulusError, match="object 'dots': dots_per_100deg2 = 10000 makes"):
         next(stimulus.frames(protocol))
 

@@ -304,32 +304,23 @@ def test_a_picture_behind_the_camera_is_no_larger_than_half_of_all_around() -> N
 # ---- Videos as backgrounds, and what is refused -----------------------------------------------
 
 
+# 20 frames at 20 frames/s, of 80 x 60 px.
+SMALL = {"width": 80, "height": 60, "frame_rate": 20}
+FOOTAGE = staged(None, {"background": "plane"}, camera={"forward_m_s": 5}, display=SMALL)
+
+
 @pytest.fixture(scope="module")
 def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A video of 20 frames at 20 frames/s, of 80 x 60 px."""
-    protocol = staged(
-        None,
-        {"background": "plane"},
-        camera={"forward_m_s": 5},
-        display={"width": 80, "height": 60, "frame_rate": 20},
-    )
-    return stimulus.write(protocol, tmp_path_factory.mktemp("footage")).video
+    return stimulus.write(FOOTAGE, tmp_path_factory.mktemp("footage")).video
 
 
 def in_footage(footage: Path, frame_rate: int = 20, **scene: Any) -> Renderer:
-    display = {"width": 80, "height": 60, "frame_rate": frame_rate}
+    display = SMALL | {"frame_rate": frame_rate}
     return Renderer(staged(None, {"background": str(footage), **scene}, display=display))
 
 
 def test_a_video_is_shown_as_it_is(footage: Path) -> None:
-    drawn = Renderer(
-        staged(
-            None,
-            {"background": "plane"},
-            camera={"forward_m_s": 5},
-            display={"width": 80, "height": 60, "frame_rate": 20},
-        )
-    )
+    drawn = Renderer(FOOTAGE)
     shown = in_footage(footage)
     for index in (0, 7, 19):
         assert shown.grey(index).tobytes() == drawn.grey(index).tobytes()
@@ -337,12 +328,8 @@ def test_a_video_is_shown_as_it_is(footage: Path) -> None:
     assert late.grey(3).tobytes() == drawn.grey(13).tobytes()
     assert late.grey(12).tobytes() == drawn.grey(2).tobytes()
     # The video has its own motion blur.
-    blurred = staged(
-        None,
-        {"background": str(footage)},
-        display={"width": 80, "height": 60, "frame_rate": 20},
-        effects={"shutter": 1.0},
-    )
+    scene = {"background": str(footage)}
+    blurred = staged(None, scene, display=SMALL, effects={"shutter": 1.0})
     assert Renderer(blurred).grey(7).tobytes() == drawn.grey(7).tobytes()
     doubled = in_footage(footage, 40, background_rate="own")
     assert [doubled.grey(index).tobytes() for index in (6, 7)] == [drawn.grey(3).tobytes()] * 2
@@ -351,7 +338,7 @@ def test_a_video_is_shown_as_it_is(footage: Path) -> None:
 @pytest.mark.parametrize("rate", [16, 24, 30])
 def test_a_video_whose_times_are_rounded_shows_each_picture_once(tmp_path: Path, rate: int) -> None:
     """In milliseconds, picture 2 of 30 per second comes at 0.067 s, after the display's frame."""
-    display = {"width": 80, "height": 60, "frame_rate": rate}
+    display = SMALL | {"frame_rate": rate}
     camera, timing = {"forward_m_s": 5}, {"motion_s": 0.25}
     drawn = staged(None, {"background": "plane"}, camera=camera, timing=timing, display=display)
     video = stimulus.write(drawn, tmp_path, form="mkv").video
@@ -428,17 +415,13 @@ def test_a_transparent_still_picture_lies_on_the_even_ground(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("scene", "said"),
-    [
-        ({"background_end": "loop"}, "is a still picture; background_end goes with a video"),
-        ({"background_start_s": 1}, "is a still picture; background_start_s goes with a video"),
-        ({"background_rate": "own"}, "is a still picture; background_rate goes with a video"),
-    ],
+    ("key", "value"),
+    [("background_end", "loop"), ("background_start_s", 1), ("background_rate", "own")],
 )
-def test_a_still_picture_has_no_times(tmp_path: Path, scene: dict[str, Any], said: str) -> None:
+def test_a_still_picture_has_no_times(tmp_path: Path, key: str, value: Any) -> None:
     write_still(tmp_path / "bg.png")
-    with pytest.raises(StimulusError, match=said):
-        in_footage(tmp_path / "bg.png", **scene)
+    with pytest.raises(StimulusError, match=f"is a still picture; {key} goes with a video"):
+        in_footage(tmp_path / "bg.png", **{key: value})
     with pytest.raises(StimulusError, match=r"are 80 x 60 px and the display has 160 x 120"):
         Renderer(staged(None, {"background": str(tmp_path / "bg.png")}))
 

@@ -186,12 +186,6 @@ def _reach(protocol: stimulus.Protocol, size_deg: float) -> float:
     return Projection.of(protocol.display).reach(size_deg / 2)
 
 
-def test_the_protocol_in_it_makes_the_same_stimulus() -> None:
-    protocol = stimulus.load("controls/camera-shake/shake-1")
-    table = json.loads(json.dumps(stimulus.ground_truth(protocol)))["protocol"]
-    assert stimulus.Protocol.from_table(table, "again") == protocol
-
-
 def test_reading(tmp_path: Path) -> None:
     path = tmp_path / "a.stimulus.json"
     truth = stimulus.ground_truth(stimulus.load("klapoetke2017/loom"))
