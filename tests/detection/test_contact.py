@@ -198,10 +198,10 @@ def test_times_that_stand_still_give_none() -> None:
     assert not any(track.time_to_contact_s for tracks in found for track in tracks)
 
 
-def errors_of(found: list[list[Track]], contact: int) -> dict[int, float]:
+def errors_of(found: list[list[Track]], contact: int, rate: int = RATE) -> dict[int, float]:
     """The relative error of the first object's time to contact, by frame."""
     return {
-        t: tracks[0].time_to_contact_s / remaining(t, contact) - 1
+        t: tracks[0].time_to_contact_s * rate / (contact - t) - 1
         for t, tracks in enumerate(found)
         if tracks and tracks[0].time_to_contact_s is not None
     }
@@ -227,12 +227,7 @@ def test_time_to_contact_at_other_rates(rate: int) -> None:
     """At 60 and 120 frames/s growth is that of 1/30 s."""
     contact = 28 * rate // 30
     frames = [disk(SIZE, 120, 120, LENGTH / (contact - t) * rate) for t in range(contact * 9 // 10)]
-    found = shown(frames, rate=rate, interval_s=1 / 30)
-    errors = {
-        t: tracks[0].time_to_contact_s * rate / (contact - t) - 1
-        for t, tracks in enumerate(found)
-        if tracks and tracks[0].time_to_contact_s is not None
-    }
+    errors = errors_of(shown(frames, rate=rate, interval_s=1 / 30), contact, rate)
     assert len(errors) >= {15: 2, 60: 14, 120: 28}[rate]
     assert np.abs(list(errors.values())).max() < 0.02
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from oppload_cli.detection.growth import Products
+from oppload_cli.detection.growth import Extent, Products
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.detection.places import _focus, _peaks
 from oppload_cli.models.detector import UnitMaps
@@ -25,6 +25,12 @@ def blank() -> UnitMaps:
     )
 
 
+def extent_of(maps: UnitMaps, guess: float = 50) -> Extent:
+    extent = Products(maps).extent(MIDDLE, MIDDLE, guess, guess)
+    assert extent is not None
+    return extent
+
+
 def apart(maps: UnitMaps, right: int, up: int, energy: float) -> None:
     """Let two points move away from the middle, along 45 degrees."""
     maps.pathways[45][MIDDLE - up, MIDDLE + right] += energy
@@ -34,8 +40,7 @@ def apart(maps: UnitMaps, right: int, up: int, energy: float) -> None:
 def test_the_extent_of_two_points_that_move_apart() -> None:
     maps = blank()
     apart(maps, 5, 3, 1.0)
-    extent = Products(maps).extent(MIDDLE, MIDDLE, 50, 50)
-    assert extent is not None
+    extent = extent_of(maps)
     assert extent.x == pytest.approx(math.sqrt(2 * 40**2 - 4**2))
     assert extent.y == pytest.approx(math.sqrt(2 * 24**2 - 4**2))
     assert extent.opponency == 1
@@ -45,8 +50,7 @@ def test_what_moves_far_outside_an_object_does_not_count() -> None:
     maps = blank()
     apart(maps, 2, 2, 1.0)
     apart(maps, 8, 8, 0.1)
-    extent = Products(maps).extent(MIDDLE, MIDDLE, 100, 100)
-    assert extent is not None
+    extent = extent_of(maps, 100)
     assert math.sqrt(extent.x * extent.y) == pytest.approx(math.sqrt(2 * 16**2 - 4**2))
 
 
@@ -54,8 +58,7 @@ def test_what_moves_together_counts_against_the_opponency_only() -> None:
     maps = blank()
     apart(maps, 3, 3, 2.0)
     apart(maps, -2, -2, 1.0)
-    extent = Products(maps).extent(MIDDLE, MIDDLE, 50, 50)
-    assert extent is not None
+    extent = extent_of(maps)
     assert extent.x == pytest.approx(math.sqrt(2 * 24**2 - 4**2))
     assert extent.opponency == 4 - 1
     assert Products(blank()).extent(MIDDLE, MIDDLE, 50, 50) is None

@@ -47,6 +47,17 @@ def noise(frames: int, sigma: float) -> Luma:
     return np.float32(sigma) * grain
 
 
+def noisy(frames: Sequence[Luma]) -> list[Luma]:
+    """Return frames with so little noise that no two of them are equal."""
+    return [a + b for a, b in zip(frames, noise(len(frames), 0.001), strict=True)]
+
+
+def converted(count: int, rate: int = 30, pictures: int = 12) -> list[Luma]:
+    """Return frames of a pan that a converter has taken from fewer pictures/s, with noise."""
+    moving = panned(np.arange(count * pictures // rate + 1) * 3.0)
+    return noisy([moving[k * pictures // rate] for k in range(count)])
+
+
 def panned(shifts: Iterable[float], sigma: float = 0.0) -> list[Luma]:
     """Return frames of a texture, shifted by numbers of pixels, with noise."""
     wide = texture(HEIGHT, 512, 3)
@@ -70,22 +81,17 @@ def coded(path: Path, frames: Sequence[Luma], rate: int, crf: int) -> list[Luma]
 @pytest.mark.parametrize(("rate", "pictures"), [(30, 12), (60, 25), (60, 24)])
 def test_the_pictures_of_a_cadence_are_evenly_spaced_in_time(rate: int, pictures: int) -> None:
     """A file of 30 frames/s shows 12 pictures/s for two frames and three in turn."""
-    moving = panned(np.arange(4 * pictures) * 3.0)
-    frames = [moving[k * pictures // rate] for k in range(4 * rate)]
-    grain = noise(len(frames), 0.001)
     repeats = Repeats(RepeatParams())
-    steps = [
-        (k / rate, repeats.step(frame + other, k / rate))
-        for k, (frame, other) in enumerate(zip(frames, grain, strict=True))
-    ]
-    shown = np.array([(at, at + step.shift_s) for at, step in steps if not step.passed_over])
+    shown = enumerate(converted(4 * rate, rate, pictures))
+    steps = [(k / rate, repeats.step(frame, k / rate)) for k, frame in shown]
+    times = np.array([(at, at + step.shift_s) for at, step in steps if not step.passed_over])
     # The repeats that are shown before the cadence is known do not disturb it.
-    intervals = np.diff(shown, axis=0)[next(k for k, step in enumerate(steps) if step[1].held) :]
+    intervals = np.diff(times, axis=0)[next(k for k, step in enumerate(steps) if step[1].held) :]
     intervals *= pictures
     assert np.ptp(intervals[:, 0]) > 0.3
     assert intervals[:, 1] == pytest.approx(np.ones(len(intervals)), abs=0.05)
     assert intervals[20:, 1] == pytest.approx(np.ones(len(intervals) - 20), abs=0.025)
-    assert np.abs(shown[:, 0] - shown[:, 1]).max() < 1.5 / rate
+    assert np.abs(times[:, 0] - times[:, 1]).max() < 1.5 / rate
 
 
 @pytest.mark.parametrize(
@@ -107,19 +113,14 @@ def test_pictures_of_a_regular_pattern_get_even_times(lasts: tuple[int, ...], mo
 
 def test_a_picture_may_be_repeated_once_more_than_the_one_before() -> None:
     """12 pictures/s in 30 frames/s: once and twice in turn, from the start of the cadence."""
-    moving = panned(np.arange(12) * 3.0)
-    shown = [moving[k * 12 // 30] for k in range(30)]
-    grain = noise(len(shown), 0.001)
-    found, _ = answers([frame + other for frame, other in zip(shown, grain, strict=True)])
+    found, _ = answers(converted(30))
     assert found == "..........." + "NN.N." * 3 + "NN.N"
 
 
 @pytest.mark.parametrize("still", [0, 30])
 def test_the_detectors_begin_again_once_the_cadence_is_known(still: int) -> None:
     """12 pictures/s in 30 frames/s, at once or after a second of a still picture."""
-    moving = panned(np.arange(12) * 3.0)
-    grain = noise(24, 0.001)
-    shown = [moving[k * 12 // 30] + grain[k] for k in range(24)]
+    shown = converted(24)
     chosen = PassParams(
         "default", [], AlarmParams(), None, TimeParams(), None, Repeats(RepeatParams())
     )
@@ -135,9 +136,7 @@ def test_the_detectors_begin_again_once_the_cadence_is_known(still: int) -> None
 
 
 def test_the_first_repeats_are_recognised_once_the_cadence_is_known() -> None:
-    moving = panned(np.arange(12) * 3.0)
-    grain = noise(24, 0.001)
-    shown = [moving[k * 12 // 30] + grain[k] for k in range(24)]
+    shown = converted(24)
     repeats = Repeats(RepeatParams())
     for known in range(24):
         repeats.step(shown[known], known / 30)
@@ -276,8 +275,7 @@ def test_motion_that_stops_in_a_cadence_is_seen_at_rest() -> None:
     moving = panned(np.arange(12) * 3.0, 0.001)
     tail = panned([33.0] * 20, 0.001)
     shown = [frame for frame in moving for _ in range(2)][:-1] + tail
-    grain = noise(len(shown), 0.001)
-    found, _ = answers([frame + other for frame, other in zip(shown, grain, strict=True)])
+    found, _ = answers(noisy(shown))
     assert found == "......" + ".N" * 11 + "." * 15
 
 
@@ -290,8 +288,7 @@ def test_one_picture_that_was_held_for_long_does_not_make_the_cadence_slower() -
     lasts[6] = 4
     moving = panned(np.arange(12) * 3.0, 0.001)
     shown = [*np.repeat(moving, lasts, axis=0), *panned([33.0] * 10, 0.001)]
-    grain = noise(len(shown), 0.001)
-    found, _ = answers([frame + other for frame, other in zip(shown, grain, strict=True)])
+    found, _ = answers(noisy(shown))
     assert found == ".......N.N.N.N.N.N.N.N.N." + "NN." * 2 + "...."
 
 
