@@ -336,14 +336,18 @@ def test_vp8_is_decoded_by_one_thread_even_if_more_are_asked_for(tmp_path: Path)
         assert video.decode.threads == 1
 
 
-def test_a_damaged_packet_loses_only_its_own_frames(tmp_path: Path) -> None:
-    path = write_video(
-        tmp_path / "a.avi", grey_frames(60, seed=4), codec="ffv1", options={"slicecrc": "1"}
-    )
+def damaged(path: Path, place: float) -> Path:
+    """Write 60 frames with checksums; damage 300 bytes at a place from 0 to 1."""
+    write_video(path, grey_frames(60, seed=4), codec="ffv1", options={"slicecrc": "1"})
     data = bytearray(path.read_bytes())
-    middle = len(data) // 2
-    data[middle : middle + 300] = b"\x5a" * 300
+    start = int(place * len(data))
+    data[start : start + 300] = b"\x5a" * 300
     path.write_bytes(data)
+    return path
+
+
+def test_a_damaged_packet_loses_only_its_own_frames(tmp_path: Path) -> None:
+    path = damaged(tmp_path / "a.avi", 0.5)
     with open_video(path, height=None) as video:
         frames = list(video)
         assert len(frames) + video.decode.failures >= 58
@@ -354,12 +358,7 @@ def test_a_damaged_packet_loses_only_its_own_frames(tmp_path: Path) -> None:
 @pytest.mark.parametrize("then", ["gone", "text", "other"])
 def test_a_damaged_file_that_is_replaced_while_it_is_read(tmp_path: Path, then: str) -> None:
     """A second pass cannot open the damaged file again; the rows so far are a result."""
-    path = write_video(
-        tmp_path / "a.avi", grey_frames(60, seed=4), codec="ffv1", options={"slicecrc": "1"}
-    )
-    data = bytearray(path.read_bytes())
-    data[-20000:-19700] = b"\x5a" * 300
-    path.write_bytes(data)
+    path = damaged(tmp_path / "a.avi", 0.9)
     with open_video(path, height=None) as video:
         frames = iter(video)
         next(frames)

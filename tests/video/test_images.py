@@ -149,10 +149,8 @@ def test_transparency_is_left_out_and_samples_of_32_bits_are_refused(tmp_path: P
     Image.fromarray(SCENE / np.float32(255)).save(tmp_path / "1.tiff")
     with open_video(tmp_path, height=None) as video:
         [frame] = list(video)
-        assert (
-            "1.tiff is not an image that can be read (its samples have 32 bits"
-            in (video.decode.messages[-1])
-        )
+        said = "1.tiff is not an image that can be read (its samples have 32 bits"
+        assert said in video.decode.messages[-1]
     assert np.abs(frame.luma * 255 - GREY_OF_RGB).max() < 0.51
 
 
@@ -166,10 +164,8 @@ def test_an_animation_or_a_stack_among_images_is_a_failure(tmp_path: Path, suffi
     with open_video(tmp_path, height=None) as video:
         assert len(list(video)) == 2
         assert not video.decode.complete
-        assert (
-            f"1.{suffix} holds several pictures, of which only the first is read"
-            in (video.decode.messages[0])
-        )
+        said = f"1.{suffix} holds several pictures, of which only the first is read"
+        assert said in video.decode.messages[0]
 
 
 def test_a_photograph_with_a_preview_is_a_single_image(tmp_path: Path) -> None:
@@ -235,9 +231,10 @@ def test_images_that_cannot_be_read(tmp_path: Path) -> None:
 class FakeCamera:
     """Three pictures, then nothing."""
 
+    count = 3
+
     def __init__(self, number: int) -> None:
-        self.remaining = 3 if number == 0 else 0
-        self.released = False
+        self.remaining = self.count if number == 0 else 0
 
     def read(self) -> tuple[bool, Any]:
         self.remaining -= 1
@@ -247,7 +244,7 @@ class FakeCamera:
         return 30.0
 
     def release(self) -> None:
-        self.released = True
+        pass
 
 
 class Clock:
@@ -303,9 +300,7 @@ def test_frames_that_come_faster_than_they_are_analysed_are_dropped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Many(FakeCamera):
-        def __init__(self, number: int) -> None:
-            super().__init__(number)
-            self.remaining = 200
+        count = 200
 
     use(Many, monkeypatch)
     with open_video("camera:0", height=24) as video:
@@ -327,9 +322,7 @@ def test_a_camera_that_the_user_stops_is_reported(
     start: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Stopped(FakeCamera):
-        def __init__(self, number: int) -> None:
-            super().__init__(number)
-            self.remaining = 200
+        count = 200
 
         def read(self) -> tuple[bool, Any]:
             if not self.remaining:
@@ -370,12 +363,10 @@ def test_a_camera_that_fails_once_goes_on(monkeypatch: pytest.MonkeyPatch) -> No
     class Hiccup(FakeCamera):
         """Fails for 0.9 s after its second picture."""
 
-        def __init__(self, number: int) -> None:
-            super().__init__(number)
-            self.fails = [False, False, *[True] * 90]
+        failures = iter([False, False, *[True] * 90])
 
         def read(self) -> tuple[bool, Any]:
-            return (False, None) if self.fails and self.fails.pop(0) else super().read()
+            return (False, None) if next(self.failures, False) else super().read()
 
     use(Hiccup, monkeypatch)
     with open_video("camera:0", height=24) as video:

@@ -34,11 +34,8 @@ CUTS = {
     "apng": Kind("apng", "apng", "rgb24"),
     "m2ts": Kind("m2ts", "libx264", options=X264),
 }
-MOST_UNNOTICED = {
-    "flv": 2,
-    "apng": 2,
-    "h264-ts": 2,
-}  # of 12 cuts: those between two tags, frames or pictures
+# Of 12 cuts: those between two tags, frames or pictures.
+MOST_UNNOTICED = {"flv": 2, "apng": 2, "h264-ts": 2}
 
 
 @pytest.mark.parametrize("name", CUTS)
@@ -98,38 +95,32 @@ def test_elements_without_a_known_length_are_walked_through(tmp_path: Path) -> N
     assert fault_of(str(path), "matroska,webm") is None
 
 
-def test_the_last_page_of_an_ogg_file_says_so(tmp_path: Path) -> None:
-    def page(flags: int) -> bytes:
-        return b"OggS\0" + bytes([flags]) + bytes(20) + b"\x01\x03abc"
-
-    path = tmp_path / "a.ogv"
-    for content, fault in (
-        (page(2) + page(0) + page(4), None),
-        (page(2) + page(0), CUT),
-        (page(2) + page(4)[:-1], CUT),
-        (page(2) + page(4) + b"x" * 27, BROKEN),
-    ):
-        path.write_bytes(content)
-        assert fault_of(str(path), "ogg") == fault
+BEGIN, PAGE, END = (b"OggS\0" + bytes([f]) + bytes(20) + b"\x01\x03abc" for f in (2, 0, 4))
+BOX = b"\0\0\0\x01mdat" + (40).to_bytes(8) + bytes(24)  # its length has 64 bits
+DELIMITER, PICTURE = b"\x12\0", b"\x32\x03abc"  # units of AV1
 
 
-def test_a_box_of_64_bits_is_as_long_as_it_says(tmp_path: Path) -> None:
-    path, name = tmp_path / "a.mp4", "mov,mp4,m4a,3gp,3g2,mj2"
-    box = b"\0\0\0\x01mdat" + (40).to_bytes(8) + bytes(24)
-    for content, fault in ((box, None), (box + box, None), (box + box[:-1], CUT)):
-        path.write_bytes(content)
-        assert fault_of(str(path), name) == fault
-
-
-def test_units_of_av1_end_with_a_picture(tmp_path: Path) -> None:
-    path, delimiter, picture = tmp_path / "a.obu", b"\x12\0", b"\x32\x03abc"
-    for content, fault in (
-        (delimiter + picture, None),
-        (delimiter + picture + delimiter, CUT),
-        (delimiter + picture[:-1], CUT),
-    ):
-        path.write_bytes(content)
-        assert fault_of(str(path), "obu") == fault
+@pytest.mark.parametrize(
+    ("container", "content", "fault"),
+    [
+        ("ogg", BEGIN + PAGE + END, None),
+        ("ogg", BEGIN + PAGE, CUT),
+        ("ogg", BEGIN + END[:-1], CUT),
+        ("ogg", BEGIN + END + b"x" * 27, BROKEN),
+        ("mov,mp4,m4a,3gp,3g2,mj2", BOX, None),
+        ("mov,mp4,m4a,3gp,3g2,mj2", BOX + BOX, None),
+        ("mov,mp4,m4a,3gp,3g2,mj2", BOX + BOX[:-1], CUT),
+        ("obu", DELIMITER + PICTURE, None),
+        ("obu", DELIMITER + PICTURE + DELIMITER, CUT),
+        ("obu", DELIMITER + PICTURE[:-1], CUT),
+    ],
+)
+def test_pages_boxes_and_units(
+    tmp_path: Path, container: str, content: bytes, fault: str | None
+) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(content)
+    assert fault_of(str(path), container) == fault
 
 
 def test_a_file_of_countless_parts_is_not_read_for_ever(
@@ -183,15 +174,13 @@ def test_packets_of_a_transport_stream(tmp_path: Path) -> None:
     assert fault_of(str(path), "mpegts", stream=stream) is None
 
 
+HASHED = f"{QUIET_265}:keyint=6:hash=1"
 SUMS = {
     "ffv1-avi": (Kind("avi", "ffv1", width=160, height=96, options={"slicecrc": "1"}), 1),
     "ffv1-nut": (Kind("nut", "ffv1", width=160, height=96, options={"slicecrc": "1"}), 3),
     "gif": (Kind("gif", "gif", "gray", 160, 96, rate=Fraction(25)), 3),
     "png-mov": (Kind("mov", "png", "rgb24", 160, 96), 1),
-    "hevc-hash": (
-        Kind("mp4", "libx265", options={"x265-params": f"{QUIET_265}:keyint=6:hash=1"}),
-        3,
-    ),
+    "hevc-hash": (Kind("mp4", "libx265", options={"x265-params": HASHED}), 3),
 }
 
 
@@ -215,9 +204,8 @@ def test_concealed_errors_are_counted_with_any_number_of_threads(tmp_path: Path,
     for _ in range(10):
         damaged = bytearray(data)
         for _ in range(6):
-            damaged[random.randrange(len(data) // 4, len(data) * 3 // 4)] ^= 1 << random.randrange(
-                8
-            )
+            place = random.randrange(len(data) // 4, len(data) * 3 // 4)
+            damaged[place] ^= 1 << random.randrange(8)
         path.write_bytes(damaged)
         first = seen(1)
         assert seen(3) == first

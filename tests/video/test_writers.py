@@ -108,19 +108,13 @@ def test_the_same_frames_give_the_same_bytes(tmp_path: Path) -> None:
     assert one.read_bytes() == other.read_bytes()
 
 
-def test_a_refusal_of_the_library_is_an_error_of_the_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("end", "message"), [("finish", "End of file"), ("abandon", "abandoned")])
+def test_a_recording_that_has_ended_writes_nothing_more(
+    tmp_path: Path, end: str, message: str
+) -> None:
     with PartFile(tmp_path / "a.mp4") as file:
         recording = Recording(file, 64, 48, None)
         recording.write(pictures(1)[0], 0.0)
-        recording.finish()
-        with pytest.raises(OSError, match="End of file"):
-            recording.finish()
-
-
-def test_an_abandoned_recording_writes_nothing_more(tmp_path: Path) -> None:
-    with PartFile(tmp_path / "a.mp4") as file:
-        recording = Recording(file, 64, 48, None)
-        recording.write(pictures(1)[0], 0.0)
-        recording.abandon()
-        with pytest.raises(OSError, match="abandoned"):
+        getattr(recording, end)()
+        with pytest.raises(OSError, match=message):
             recording.finish()
