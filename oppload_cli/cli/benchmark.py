@@ -11,9 +11,9 @@ from oppload_cli.benchmark.battery import TABLES, columns_of, show
 from oppload_cli.benchmark.output import Benchmark, refuse_other, settings_of, write_benchmark
 from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import (
-    complete_models,
     if_exists_option,
     jobs_option,
+    models_option,
     names_in,
     output_option,
     quiet_option,
@@ -26,12 +26,8 @@ from oppload_cli.files.atomic import make_folder
 
 
 @click.command(short_help="compare all detectors on one set of stimuli")
-@click.option(
-    "--model",
-    "models",
-    multiple=True,
+@models_option(
     metavar="NAME[:PRESET]",
-    shell_complete=complete_models,
     help="Detectors: NAME, or NAME:PRESET of one that presets change.  [default: all]",
 )
 @click.option(

@@ -10,10 +10,10 @@ import click
 from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import (
     change_option,
-    complete_models,
     complete_stimuli,
     if_exists_option,
     jobs_option,
+    models_option,
     names_in,
     output_option,
     repeats_option,
@@ -31,12 +31,8 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
     metavar="MANIFEST.csv|STIMULUS...|VIDEO...",
     shell_complete=complete_stimuli,
 )
-@click.option(
-    "--model",
-    "models",
-    multiple=True,
+@models_option(
     metavar="NAME[:PRESET]",
-    shell_complete=complete_models,
     help="Detectors to evaluate: NAME, or NAME:PRESET of one that presets change, or several as "
     "A,B; may be given again; the baselines are always evaluated.  "
     "[default: presets default and reference]",

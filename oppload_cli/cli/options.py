@@ -5,6 +5,7 @@ An option of this module has the same name, default and meaning in every command
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -108,7 +109,7 @@ def _complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[
     return completions(text, {name: each.meaning for name, each in PRESETS.items()})
 
 
-def complete_models(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+def _complete_models(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
     """Complete the last name in a list of detectors such as ``opplod,dlgmd:reference``."""
     before, comma, last = text.rpartition(",")
     model, colon, _preset = last.partition(":")
@@ -223,14 +224,9 @@ class RunOptions(NamedTuple):
 
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 
-_models_option = click.option(
-    "--model",
-    "models",
-    multiple=True,
-    metavar="NAME[:VARIANT|PRESET]",
-    shell_complete=complete_models,
-    help="A detector to run: its NAME in 'oppload models', NAME:VARIANT, A,B for several, or all; "
-    "may be given again. NAME:PRESET also chooses the preset.  [default: the two of the paper]",
+# Each command says in its own words which detectors it takes.
+models_option = partial(
+    click.option, "--model", "models", multiple=True, shell_complete=_complete_models
 )
 
 repeats_option = click.option(
@@ -259,7 +255,12 @@ def settings_options(
     options for its columns.
     """
     options = [
-        _models_option,
+        models_option(
+            metavar="NAME[:VARIANT|PRESET]",
+            help="A detector to run: its NAME in 'oppload models', NAME:VARIANT, A,B for several, "
+            "or all; may be given again. NAME:PRESET also chooses the preset.  "
+            "[default: the two of the paper]",
+        ),
         click.option(
             "--preset",
             metavar="NAME",

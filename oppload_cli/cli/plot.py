@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 import oppload_cli as oppload
 from oppload_cli.cli import check_display, say, show_file
-from oppload_cli.cli.options import check_models, complete_models, names_in
+from oppload_cli.cli.options import check_models, models_option, names_in
 from oppload_cli.errors import ExitCode, ParameterError, ResultError
 from oppload_cli.evaluation.manifest import Manifest, read_manifest
 from oppload_cli.files.atomic import PART
@@ -65,12 +65,8 @@ _EFFECTS = {
     "other kinds draw a table of 'oppload tune', the last five as classic figures (see 'oppload "
     "tune --figure').  [default: the one that suits the file]",
 )
-@click.option(
-    "--model",
-    "models",
-    multiple=True,
+@models_option(
     metavar="NAME",
-    shell_complete=complete_models,
     help="Draw only this detector; A,B for several, or given again.",
 )
 @click.option(

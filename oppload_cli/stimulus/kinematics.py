@@ -45,6 +45,7 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     x, y = obj.centre_deg[0] + travel[0], obj.centre_deg[1] + travel[1]
     centre, moved = _in_scene(protocol, (x, y), (sign * velocity[0], sign * velocity[1]), time)
     speed = extent.forward_speed + extent.backward_speed
+    contact = contact_of_shape(obj, start, end) if moving else None
     return Pose(
         visible=is_drawn(obj, time, start, end),
         centre_deg=centre,
@@ -56,8 +57,8 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
         ),
         zoom=math.exp(obj.motion.zoom_per_s * phase) if obj.motion else 1.0,
         travel_deg=travel,
-        contact_in_s=_contact_in(obj, time, start, end),
-        looming=obj.kind in LOOMING and speed > 0 and not passes(obj, start, end),
+        contact_in_s=None if contact is None else contact - time,
+        looming=obj.kind in LOOMING and speed > 0 and not _passes(obj, start, end),
     )
 
 
@@ -97,24 +98,24 @@ def is_drawn(obj: Object, time: float, start: float, end: float) -> bool:
     return appeared and (obj.vanishes == "never" or time < end)
 
 
-def _contact_in(obj: Object, time: float, start: float, end: float) -> float | None:
-    if obj.kind not in LOOMING or obj.reverse or passes(obj, start, end):
-        return None
-    contact = approach_contact(obj, end)
-    return contact - time if contact is not None and start <= time < end else None
+def contact_of_shape(obj: Object, start: float, end: float) -> float | None:
+    """Return when a shape reaches the observer; None if it does not approach, or passes.
 
-
-def approach_contact(obj: Object, end: float) -> float | None:
-    """Return when a shape that approaches reaches the observer; None for any other object.
-
-    `end` is the end of its motion, in seconds of the clip like the returned time.
+    Its motion lasts from `start` to `end`, in seconds of the clip like the returned time.
     """
+    if obj.kind not in LOOMING or obj.reverse or _passes(obj, start, end):
+        return None
+    return _approach_contact(obj, end)
+
+
+def _approach_contact(obj: Object, end: float) -> float | None:
+    """Return when a shape that approaches would reach the observer; None for other growths."""
     if obj.growth is None or obj.growth.kind != "approach":
         return None
     return end if obj.growth.contact_s is None else obj.growth.contact_s
 
 
-def passes(obj: Object, start: float, end: float) -> bool:
+def _passes(obj: Object, start: float, end: float) -> bool:
     """Tell whether a shape that grows moves sideways so far that it passes the observer.
 
     Its motion lasts from `start` to `end`, in seconds of the clip. An object on a straight course
@@ -139,7 +140,7 @@ def passes(obj: Object, start: float, end: float) -> bool:
 def _growth_times(obj: Object, growth: Growth, start: float, end: float) -> tuple[float, float]:
     """Return when a growth starts and ends, in seconds after the start of the motion."""
     first, last = 0.0, end - start
-    contact = approach_contact(obj, end)
+    contact = _approach_contact(obj, end)
     if contact is not None:
         ratio = (growth.l_over_v_ms or 0.0) / 1000
         if growth.least_deg > 0:
@@ -267,7 +268,7 @@ def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
     `elapsed` counts from the start of its motion; `start` and `end` are seconds of the clip.
     """
     growth, size = obj.growth, obj.size_deg or 0.0
-    contact = approach_contact(obj, end)
+    contact = _approach_contact(obj, end)
     if growth is not None and contact is not None:
         return _approach(growth, contact - start - elapsed)
     if growth is not None and growth.kind == "edge-speed":

@@ -12,12 +12,11 @@ from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.geometry import Pose, Projection
 from oppload_cli.stimulus.kinematics import (
     aperture_centre,
-    approach_contact,
+    contact_of_shape,
     motion_times,
-    passes,
     pose_of,
 )
-from oppload_cli.stimulus.objects import FIELDS, LOOMING, PICTURE, SIZED, Object
+from oppload_cli.stimulus.objects import FIELDS, PICTURE, SIZED, Object
 from oppload_cli.stimulus.pictures import cutout_of
 from oppload_cli.stimulus.protocol import Protocol, check_protocol
 from oppload_cli.stimulus.staging import NEAREST_M, camera_of, contact_of, miss_of, sight_of
@@ -211,13 +210,12 @@ def contact_time(protocol: Protocol) -> float | None:
 
     None if no object approaches, or if all of them pass.
     """
-    times = []
-    for obj in protocol.objects:
-        start, end = motion_times(protocol.timing, obj)
-        if obj.kind == PICTURE:
-            times.append(contact_of(protocol, obj))
-        elif obj.kind in LOOMING and not obj.reverse and not passes(obj, start, end):
-            times.append(approach_contact(obj, end))
+    times = (
+        contact_of(protocol, obj)
+        if obj.kind == PICTURE
+        else contact_of_shape(obj, *motion_times(protocol.timing, obj))
+        for obj in protocol.objects
+    )
     return min((time for time in times if time is not None), default=None)
 
 

@@ -25,11 +25,12 @@ def test_prefetching_keeps_order_and_joins() -> None:
     assert threading.active_count() == before
 
 
-def test_an_error_in_the_thread_is_raised_after_the_items_before_it() -> None:
-    def failing() -> Iterator[int]:
-        yield 1
-        raise SourceError("gone")
+def failing() -> Iterator[int]:
+    yield 1
+    raise SourceError("gone")
 
+
+def test_an_error_in_the_thread_is_raised_after_the_items_before_it() -> None:
     items = Prefetch(failing())
     assert next(items) == 1
     with pytest.raises(SourceError, match="gone"):
@@ -81,10 +82,6 @@ def test_the_oldest_items_are_dropped_if_too_many_wait() -> None:
 def test_without_a_further_thread_the_caller_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(_: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
-
-    def failing() -> Iterator[int]:
-        yield 1
-        raise SourceError("gone")
 
     monkeypatch.setattr(threading.Thread, "start", refused)
     assert list(Prefetch(iter(range(5)))) == list(range(5))
