@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from contextlib import contextmanager
-from typing import IO, TYPE_CHECKING, Any, Self
+from typing import IO, TYPE_CHECKING, Any
 
 from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile
@@ -142,8 +142,16 @@ def open_table(
                 yield table
         case ".parquet":
             arrow = _pyarrow(path)
-            with PartFile(path, new=new) as file, _Parquet(arrow, file, columns) as parquet:
-                yield parquet
+            with PartFile(path, new=new) as file:
+                parquet = _Parquet(arrow, file, columns)
+                try:
+                    yield parquet
+                    parquet.flush()
+                    parquet.writer.close()
+                finally:
+                    # After an error, the file is closed without the end of the table. The writer
+                    # would write this end when Python deletes the writer, and fail.
+                    parquet.writer.is_open = False
         case _:
             raise OutputError(f"{path}: is neither .csv nor .parquet; choose one for --output")
 
@@ -186,7 +194,7 @@ class _Parquet:
         kinds[bool] = arrow.bool_()
         self._arrow, self._columns = arrow, columns
         self._schema = arrow.schema([(name, kinds[kind]) for name, kind in columns.items()])
-        self._writer = arrow.parquet.ParquetWriter(file.binary, self._schema)
+        self.writer = arrow.parquet.ParquetWriter(file.binary, self._schema)
         self._rows: list[dict[str, Cell]] = []
 
     def write(self, row: Mapping[str, Any]) -> None:
@@ -194,21 +202,8 @@ class _Parquet:
             {name: typed(row.get(name), kind) for name, kind in self._columns.items()}
         )
         if len(self._rows) >= _MOST_ROWS:
-            self._flush()
+            self.flush()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        try:
-            if error is None:
-                self._flush()
-                self._writer.close()
-        finally:
-            # After an error, the file is closed without the end of the table. The writer would
-            # write this end when Python deletes the writer, and fail.
-            self._writer.is_open = False
-
-    def _flush(self) -> None:
-        self._writer.write_table(self._arrow.Table.from_pylist(self._rows, schema=self._schema))
+    def flush(self) -> None:
+        self.writer.write_table(self._arrow.Table.from_pylist(self._rows, schema=self._schema))
         self._rows.clear()

@@ -93,17 +93,17 @@ def run_task(
     with opening.result() as video, _threads(video.working, task.threads):
         if on_open:
             on_open(video)
-        run = _Run(task, video, on_frame)
+        run = _Run(task, video, started, on_frame)
         if task.outputs is None:
-            _write_stream(run, started)
+            _write_stream(run)
         else:
             table = task.outputs.begin(task.if_exists)
             if table is None:
                 return exists_already(task) or Outcome(skipped=True)
             models = task.settings.models
             writing = Writing(task.outputs, table, video, run.columns, models, boxes=task.boxes)
-            _write_files(run, writing, task.outputs.csv, started)
-        return run.outcome(time.perf_counter() - started)
+            _write_files(run, writing, task.outputs.csv)
+        return run.outcome()
 
 
 def collected(
@@ -118,11 +118,11 @@ def collected(
     the content of the sidecar that ``oppload run`` would write. `stimulus` is the ground truth of
     the source, if it has one, for the sidecar.
     """
-    started = time.perf_counter()
-    run = _Run(Task(source.facts.name, settings), source, stimulus=stimulus)
+    task = Task(source.facts.name, settings)
+    run = _Run(task, source, time.perf_counter(), stimulus=stimulus)
     with _threads(source.working, 0):
         run.analyse(source, keep)
-    return run.columns, run.sidecar(time.perf_counter() - started)
+    return run.columns, run.sidecar()
 
 
 @contextmanager
@@ -145,18 +145,14 @@ def _threads(working: WorkingSize, threads: int) -> Iterator[None]:
                 cv2.setNumThreads(before)
 
 
-def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None:
+def _write_files(run: _Run, writing: Writing, csv: Path) -> None:
     """Write the files while frames come, and give them their final names at the end.
 
     A live input ends when the user stops the run; its files are finished then too.
     """
-
-    def finish() -> None:
-        writing.commit(lambda: run.sidecar(time.perf_counter() - started))
-
     try:
         run.analyse(writing.frames, writing.write)
-        finish()
+        writing.commit(run.sidecar)
     except BaseException as error:
         if _is_bug(error):
             writing.discard()  # part files would block the next run, and no message names them
@@ -165,9 +161,8 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
             writing.discard()
             kept = ""
         elif isinstance(error, KeyboardInterrupt) and run.video.facts.live:
-            finish()
-            outcome = run.outcome(time.perf_counter() - started)
-            raise Interrupted(_rows_kept("all", csv), outcome) from error
+            writing.commit(run.sidecar)
+            raise Interrupted(_rows_kept("all", csv), run.outcome()) from error
         else:
             writing.keep()
             kept = _rows_kept("the first", writing.part)
@@ -205,7 +200,7 @@ def _explained(error: BaseException, path: Path, kept: str) -> BaseException | N
     return ShortageError(f"{path}: cannot be finished, because {short}{kept}") if short else None
 
 
-def _write_stream(run: _Run, started: float) -> None:
+def _write_stream(run: _Run) -> None:
     stream: IO[str] | None = sys.stdout
     if stream is None:  # Python's value of a closed standard output: "oppload ... >&-"
         raise OutputError("standard output: is closed; open it, or give a folder with --output")
@@ -229,7 +224,7 @@ def _write_stream(run: _Run, started: float) -> None:
     except KeyboardInterrupt as error:
         if not (run.frames and run.video.facts.live):
             raise
-        raise Interrupted(outcome=run.outcome(time.perf_counter() - started)) from error
+        raise Interrupted(outcome=run.outcome()) from error
     except BrokenPipeError:
         raise  # the program that reads the pipe has ended, which is no error
     except OSError as error:
@@ -239,17 +234,19 @@ def _write_stream(run: _Run, started: float) -> None:
 
 
 class _Run:
-    """The state of one pass over a video."""
+    """The state of one pass over a video; `started` is the time of `perf_counter` at its start."""
 
     def __init__(
         self,
         task: Task,
         video: DecodedSource,
+        started: float,
         on_frame: Callable[[FrameRecord], object] | None = None,
         stimulus: dict[str, Any] | None = None,
     ) -> None:
         self._task = task
         self.video = video
+        self._started = started
         self._on_frame = on_frame
         self._summaries = {name: ModelSummary() for name in task.settings.models}
         self._alarms = {name: AlarmLog(name) for name in task.settings.models}
@@ -319,13 +316,17 @@ class _Run:
         seconds = f"{float(count / facts.frame_rate):.2f} s, " if facts.frame_rate else ""
         return f"it has {seconds}{counted(count, 'frame')}"
 
-    def outcome(self, wall_s: float) -> Outcome:
+    @property
+    def _wall_s(self) -> float:
+        return time.perf_counter() - self._started
+
+    def outcome(self) -> Outcome:
         """Return the outcome of the pass."""
         decode = self._decode
         return Outcome(
             complete=decode.complete,
             frames=self.frames,
-            wall_s=wall_s,
+            wall_s=self._wall_s,
             notes=tuple(decode.messages),
             remarks=self._remarks(),
             summaries=self._summaries,
@@ -425,9 +426,9 @@ class _Run:
         }
         return {**self._optics.as_dict(), "sizes_deg": sizes}
 
-    def sidecar(self, wall_s: float) -> dict[str, Any]:
+    def sidecar(self) -> dict[str, Any]:
         """Return the content of the sidecar, with the keys of ``docs/formats.md``, for JSON."""
-        task, settings = self._task, self._settings
+        task, settings, wall_s = self._task, self._settings, self._wall_s
         facts, decode, working = self.video.facts, self._decode, self.video.working
         rate = float(facts.frame_rate) if facts.frame_rate else None
         groups = settings.resolved(min(working.width, working.height))
