@@ -95,32 +95,38 @@ def test_elements_without_a_known_length_are_walked_through(tmp_path: Path) -> N
     assert fault_of(str(path), "matroska,webm") is None
 
 
-BEGIN, PAGE, END = (b"OggS\0" + bytes([f]) + bytes(20) + b"\x01\x03abc" for f in (2, 0, 4))
-BOX = b"\0\0\0\x01mdat" + (40).to_bytes(8) + bytes(24)  # its length has 64 bits
-DELIMITER, PICTURE = b"\x12\0", b"\x32\x03abc"  # units of AV1
+def test_the_last_page_of_an_ogg_file_says_so(tmp_path: Path) -> None:
+    def page(flags: int) -> bytes:
+        return b"OggS\0" + bytes([flags]) + bytes(20) + b"\x01\x03abc"
+
+    path = tmp_path / "a.ogv"
+    for content, fault in (
+        (page(2) + page(0) + page(4), None),
+        (page(2) + page(0), CUT),
+        (page(2) + page(4)[:-1], CUT),
+        (page(2) + page(4) + b"x" * 27, BROKEN),
+    ):
+        path.write_bytes(content)
+        assert fault_of(str(path), "ogg") == fault
 
 
-@pytest.mark.parametrize(
-    ("container", "content", "fault"),
-    [
-        ("ogg", BEGIN + PAGE + END, None),
-        ("ogg", BEGIN + PAGE, CUT),
-        ("ogg", BEGIN + END[:-1], CUT),
-        ("ogg", BEGIN + END + b"x" * 27, BROKEN),
-        ("mov,mp4,m4a,3gp,3g2,mj2", BOX, None),
-        ("mov,mp4,m4a,3gp,3g2,mj2", BOX + BOX, None),
-        ("mov,mp4,m4a,3gp,3g2,mj2", BOX + BOX[:-1], CUT),
-        ("obu", DELIMITER + PICTURE, None),
-        ("obu", DELIMITER + PICTURE + DELIMITER, CUT),
-        ("obu", DELIMITER + PICTURE[:-1], CUT),
-    ],
-)
-def test_pages_boxes_and_units(
-    tmp_path: Path, container: str, content: bytes, fault: str | None
-) -> None:
-    path = tmp_path / "a"
-    path.write_bytes(content)
-    assert fault_of(str(path), container) == fault
+def test_a_box_of_64_bits_is_as_long_as_it_says(tmp_path: Path) -> None:
+    path, name = tmp_path / "a.mp4", "mov,mp4,m4a,3gp,3g2,mj2"
+    box = b"\0\0\0\x01mdat" + (40).to_bytes(8) + bytes(24)
+    for content, fault in ((box, None), (box + box, None), (box + box[:-1], CUT)):
+        path.write_bytes(content)
+        assert fault_of(str(path), name) == fault
+
+
+def test_units_of_av1_end_with_a_picture(tmp_path: Path) -> None:
+    path, delimiter, picture = tmp_path / "a.obu", b"\x12\0", b"\x32\x03abc"
+    for content, fault in (
+        (delimiter + picture, None),
+        (delimiter + picture + delimiter, CUT),
+        (delimiter + picture[:-1], CUT),
+    ):
+        path.write_bytes(content)
+        assert fault_of(str(path), "obu") == fault
 
 
 def test_a_file_of_countless_parts_is_not_read_for_ever(
