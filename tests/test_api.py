@@ -16,7 +16,7 @@ import pytest
 import oppload_cli as oppload
 from oppload_cli.errors import OutputError, ParameterError, ResultError, SourceError
 from oppload_cli.results.table import columns_for
-from tests.cli.inside import run
+from tests.cli import inside
 from tests.media import grey_frames, looming, texture, write_video
 
 if TYPE_CHECKING:
@@ -27,12 +27,10 @@ FRAMES = [(frame * 255).round().astype(np.uint8) for frame in looming(120, 60, 6
 NATIVE: dict[str, Any] = {"height": "native", "preset": "reference"}
 
 
-def test_a_result_has_the_files_of_the_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_has_the_files_of_the_command_line(tmp_path: Path) -> None:
     video = write_video(tmp_path / "loom.avi", FRAMES)
-    told = run(
-        capsys, "run", video, "-o", tmp_path / "cli", "-q", "--preset", "reference",
+    told = inside.oppload(
+        "run", video, "-o", tmp_path / "cli", "-q", "--preset", "reference",
         "--height", "native",
     )  # fmt: skip
     assert told.returncode == 0

@@ -21,7 +21,7 @@ from oppload_cli.models.bank import DetectorBank
 from oppload_cli.palette import bgr
 from oppload_cli.schema import Parameters, parameter
 from tests.annotation.records import facts
-from tests.cli.inside import run
+from tests.cli.inside import oppload
 from tests.media import disk, write_video
 from tests.results.make import rows_of
 from tests.tuning.test_tuning import DISK
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
-
-Capture = pytest.CaptureFixture[str]
 Row = dict[str, str]
 
 
@@ -149,10 +147,10 @@ def test_its_columns_stand_in_the_table(result: Path) -> None:
 
 
 def test_its_inner_values_have_columns_where_all_are_wanted(
-    clip: Path, tmp_path: Path, result: Path, capsys: Capture
+    clip: Path, tmp_path: Path, result: Path
 ) -> None:
-    shown = run(
-        capsys, "run", clip, "-o", tmp_path, "-q", "--model", "toy,frame_difference", "--height",
+    shown = oppload(
+        "run", clip, "-o", tmp_path, "-q", "--model", "toy,frame_difference", "--height",
         "native", "--no-rmo", "--columns", "all",
     )  # fmt: skip
     assert (shown.returncode, shown.stderr) == (0, "")
@@ -170,30 +168,30 @@ def test_its_inner_values_have_columns_where_all_are_wanted(
         assert int(row["toy_count"]) == round(float(row["toy_response"]) * SIDE**2)
     assert json.loads((tmp_path / "clip.oppload.json").read_text())["columns"] == "all"
     frames = tmp_path / "frames.csv"
-    assert run(capsys, "collect", tmp_path, "--frames", "-o", frames).returncode == 0
+    assert oppload("collect", tmp_path, "--frames", "-o", frames).returncode == 0
     assert [row["toy_count"] for row in rows_of(frames)] == [row["toy_count"] for row in table]
 
 
-def test_wrong_columns_and_models_are_refused(capsys: Capture) -> None:
-    wrong = run(capsys, "run", "clip.avi", "--columns", "most")
+def test_wrong_columns_and_models_are_refused() -> None:
+    wrong = oppload("run", "clip.avi", "--columns", "most")
     assert wrong.returncode == 2
     assert "columns must be 'usual' or 'all', not 'most'" in wrong.stderr
-    wrong = run(capsys, "run", "clip.avi", "--model", "opplod,tooy")
+    wrong = oppload("run", "clip.avi", "--model", "opplod,tooy")
     assert wrong.returncode == 2
     assert "no model 'tooy'; did you mean 'toy'" in wrong.stderr
 
 
-def test_all_models_have_one_name(capsys: Capture) -> None:
-    shown = run(capsys, "config", "--model", "all", "--model", "toy").stdout
+def test_all_models_have_one_name() -> None:
+    shown = oppload("config", "--model", "all", "--model", "toy").stdout
     named = [name for name, each in registry.detectors().items() if not each.variant_of]
     assert f"models = {json.dumps(named)}  # command line" in shown
 
 
 def test_frames_that_are_too_small_are_refused(
-    clip: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Toy, "least_size", (64, 96))
-    wrong = run(capsys, "run", clip, "-o", tmp_path, "-q", "--model", "toy", "--height", "63")
+    wrong = oppload("run", clip, "-o", tmp_path, "-q", "--model", "toy", "--height", "63")
     reason = (
         "model 'toy' needs frames of at least 96 x 64 px, not 63 x 63; raise the working height"
     )
@@ -223,11 +221,9 @@ def test_its_alarm_goes_on_above_its_own_floor(result: Path) -> None:
 
 
 @pytest.mark.parametrize(("floor", "code"), [("0.5", 0), ("0.02", 5)])
-def test_the_floor_is_a_setting(
-    clip: Path, tmp_path: Path, capsys: Capture, floor: str, code: int
-) -> None:
-    shown = run(
-        capsys, "run", clip, "-o", tmp_path, "-q", "--model", "toy", "--height", "native",
+def test_the_floor_is_a_setting(clip: Path, tmp_path: Path, floor: str, code: int) -> None:
+    shown = oppload(
+        "run", clip, "-o", tmp_path, "-q", "--model", "toy", "--height", "native",
         "--no-rmo", "--fail-on", "alarm", "--set", f"alarm.toy_floor={floor}",
     )  # fmt: skip
     assert (shown.returncode, shown.stderr) == (code, "")
@@ -235,19 +231,17 @@ def test_the_floor_is_a_setting(
     assert bool(on) == (code == 5)
 
 
-def test_its_parameters_are_settings(clip: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_its_parameters_are_settings(clip: Path, tmp_path: Path) -> None:
     arguments = ("run", clip, "-o", tmp_path, "-q", "--model", "toy", "--height", "native")
-    assert run(capsys, *arguments, "--set", "toy.least=1").returncode == 0
+    assert oppload(*arguments, "--set", "toy.least=1").returncode == 0
     assert {row["toy_response"] for row in rows(tmp_path)} == {"", "0"}
-    wrong = run(capsys, *arguments, "--set", "toy.lest=1")
+    wrong = oppload(*arguments, "--set", "toy.lest=1")
     assert "no parameter 'lest' of toy; did you mean 'least'" in wrong.stderr
 
 
-def test_its_curve_has_its_label_and_its_colour(
-    result: Path, tmp_path: Path, capsys: Capture
-) -> None:
+def test_its_curve_has_its_label_and_its_colour(result: Path, tmp_path: Path) -> None:
     figure = tmp_path / "curve.svg"
-    assert run(capsys, "plot", result / "clip.frames.csv", "-o", figure).returncode == 0
+    assert oppload("plot", result / "clip.frames.csv", "-o", figure).returncode == 0
     drawn = figure.read_text()
     assert "<!-- Toy, " in drawn
     assert f"stroke: {Toy.colour.lower()}" in drawn
@@ -284,10 +278,10 @@ def test_its_detections_are_listed(result: Path) -> None:
     assert last["alarm"] is True
 
 
-def test_it_has_a_line_in_a_tuning(tmp_path: Path, capsys: Capture) -> None:
+def test_it_has_a_line_in_a_tuning(tmp_path: Path) -> None:
     (tmp_path / "disk.toml").write_text(DISK.format(before=0))
-    done = run(
-        capsys, "tune", tmp_path / "disk.toml", "-o", tmp_path, "--height", "native", "--jobs",
+    done = oppload(
+        "tune", tmp_path / "disk.toml", "-o", tmp_path, "--height", "native", "--jobs",
         "1", "--model", "toy", "--plot", "svg",
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
@@ -304,14 +298,14 @@ def test_it_has_a_line_in_a_tuning(tmp_path: Path, capsys: Capture) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_it_has_rows_in_an_evaluation(clip: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_it_has_rows_in_an_evaluation(clip: Path, tmp_path: Path) -> None:
     write_video(tmp_path / "speck.avi", approach()[:30])
     shutil.copy(clip, tmp_path / "clip.avi")
     (tmp_path / "manifest.csv").write_text(
         "file,label,onset_frame,contact_frame\nclip.avi,looming,31,43\nspeck.avi,none,,\n"
     )
-    done = run(
-        capsys, "evaluate", tmp_path / "manifest.csv", "-o", tmp_path / "out", "-j", "1",
+    done = oppload(
+        "evaluate", tmp_path / "manifest.csv", "-o", tmp_path / "out", "-j", "1",
         "--draws", "100", "--model", "opplod:reference",
     )  # fmt: skip
     assert (done.returncode, "Toy" in done.stderr) == (0, True)
@@ -333,33 +327,33 @@ def test_it_has_rows_in_an_evaluation(clip: Path, tmp_path: Path, capsys: Captur
     assert ">Toy<" in (tmp_path / "out" / "evaluation.html").read_text()
 
 
-def test_one_model_is_described_and_measured(capsys: Capture) -> None:
-    text = run(capsys, "models", "toy").stdout
+def test_one_model_is_described_and_measured() -> None:
+    text = oppload("models", "toy").stdout
     assert "source: Somebody, 2021\n" in text
     assert "responds to: darkening\n" in text
     assert "made for: tests\n" in text
     assert "cost: about 0.5 ms per frame of 427 x 240 on one core\n" in text
     assert "opplod" not in text
     assert "presets" not in text
-    name, cost, unit = run(capsys, "models", "toy", "--measure").stdout.split(maxsplit=2)
+    name, cost, unit = oppload("models", "toy", "--measure").stdout.split(maxsplit=2)
     assert (name, unit) == ("toy", "ms per frame\n")
     assert float(cost) >= 0
-    unknown = run(capsys, "models", "tooy")
+    unknown = oppload("models", "tooy")
     assert "no model, preset or settings 'tooy'; did you mean 'toy'" in unknown.stderr
 
 
-def test_it_is_among_the_models(capsys: Capture) -> None:
-    text = run(capsys, "models").stdout
+def test_it_is_among_the_models() -> None:
+    text = oppload("models").stdout
     assert [line.split() for line in text.splitlines() if "toy" in line] == [
         ["toy", "0.5", "darkening"]
     ]
-    text = run(capsys, "models", "toy", "alarm", "default", "reference").stdout
+    text = oppload("models", "toy", "alarm", "default", "reference").stdout
     assert f"toy  ({Toy.meaning})" in text
     assert "darkening from which a pixel counts" in text
     assert "an alarm of Toy needs a response above this" in text
     assert "  every parameter has its default\n" in text
     assert "  opplod.stride = 1\n" in text
-    described = json.loads(run(capsys, "models", "--json").stdout)
+    described = json.loads(oppload("models", "--json").stdout)
     assert described["models"]["toy"] == {
         "label": "Toy", "meaning": Toy.meaning, "by_default": False, "places": True,
         "year": 2021, "reference": "Somebody", "answers_to": "darkening", "made_for": "tests",
@@ -370,20 +364,20 @@ def test_it_is_among_the_models(capsys: Capture) -> None:
     assert described["presets"]["reference"]["alarm"]["toy_floor"] == FLOOR
 
 
-def test_its_settings_are_printed_and_read_again(tmp_path: Path, capsys: Capture) -> None:
-    printed = run(capsys, "config", "--model", "toy", "--set", "toy.least=0.25").stdout
+def test_its_settings_are_printed_and_read_again(tmp_path: Path) -> None:
+    printed = oppload("config", "--model", "toy", "--set", "toy.least=0.25").stdout
     assert 'models = ["toy"]  # command line' in printed
     assert "[toy]\nleast = 0.25  # command line\n" in printed
     assert f"toy_floor = {FLOOR}  # preset default" in printed
     (tmp_path / "toy.toml").write_text(printed)
-    again = run(capsys, "config", "--config", tmp_path / "toy.toml").stdout
+    again = oppload("config", "--config", tmp_path / "toy.toml").stdout
     assert f"least = 0.25  # {tmp_path / 'toy.toml'}" in again
 
 
-def test_it_runs_beside_the_others(clip: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_it_runs_beside_the_others(clip: Path, tmp_path: Path) -> None:
     names = list(registry.detectors())
-    done = run(
-        capsys, "run", clip, "-o", tmp_path, "-q", "--height", "native", "--no-rmo",
+    done = oppload(
+        "run", clip, "-o", tmp_path, "-q", "--height", "native", "--no-rmo",
         *(word for name in names for word in ("--model", name)),
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
@@ -394,12 +388,12 @@ def test_it_runs_beside_the_others(clip: Path, tmp_path: Path, capsys: Capture) 
     assert registry.placing_detector(names) is registry.detector_named("opplod")
 
 
-def test_without_its_line_nothing_knows_of_it(capsys: Capture) -> None:
+def test_without_its_line_nothing_knows_of_it() -> None:
     registry.forget("toy")
     try:
-        assert "toy" not in run(capsys, "models").stdout
-        assert "toy" not in run(capsys, "config").stdout
-        unknown = run(capsys, "run", "clip.avi", "--model", "toy")
+        assert "toy" not in oppload("models").stdout
+        assert "toy" not in oppload("config").stdout
+        unknown = oppload("run", "clip.avi", "--model", "toy")
         assert (unknown.returncode, "no model 'toy'" in unknown.stderr) == (2, True)
         assert alarm_params().floor_of("opplod") == AlarmParams().floor_of("opplod")
     finally:

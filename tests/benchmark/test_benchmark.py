@@ -224,9 +224,7 @@ def benchmark_in(folder: Path, *names: str) -> tuple[str | Path, ...]:
 
 
 @pytest.mark.usefixtures("_small_battery")
-def test_the_command_writes_tables_figures_and_a_page(
-    made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_tables_figures_and_a_page(made: Path) -> None:
     rows = rows_of(made / "stimuli.csv")
     assert [(row["column"], row["detector"]) for row in rows] == [
         (column, name) for column in ("dark", "bright") for name in NAMES
@@ -236,7 +234,7 @@ def test_the_command_writes_tables_figures_and_a_page(
     assert "LGMD1" in page
     assert "https://" not in page
     first = {path.name: path.read_bytes() for path in made.iterdir() if path.is_file()}
-    told = inside.run(capsys, *benchmark_in(made, *NAMES)).stderr
+    told = inside.oppload(*benchmark_in(made, *NAMES)).stderr
     assert told.startswith("2 of 2 stimuli kept from an earlier run")
     again = {path.name: path.read_bytes() for path in made.iterdir() if path.is_file()}
     assert again == first
@@ -244,31 +242,31 @@ def test_the_command_writes_tables_figures_and_a_page(
 
 @pytest.mark.usefixtures("_small_battery", "undrawn")
 def test_a_benchmark_with_other_settings_is_replaced_on_request_only(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    made: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     call = benchmark_in(tmp_path, NAMES[0])
     (tmp_path / "speed.pdf").write_text("of an earlier benchmark")
     (tmp_path / "mine.pdf").write_text("of the user")
     before = (tmp_path / "summary.csv").read_bytes()
-    refused = inside.run(capsys, *call)
+    refused = inside.oppload(*call)
     assert refused.returncode == 2
     assert "is a benchmark with other detectors; choose --if-exists overwrite" in refused.stderr
     assert (tmp_path / "summary.csv").read_bytes() == before
-    assert inside.run(capsys, *call, "--if-exists", "overwrite").returncode == 0
+    assert inside.oppload(*call, "--if-exists", "overwrite").returncode == 0
     assert (tmp_path / "summary.csv").read_bytes() != before
     assert sorted(path.name for path in tmp_path.glob("*.pdf")) == ["mine.pdf", "polarity.pdf"]
     (tmp_path / "benchmark.json").write_text("damaged")
-    assert "with other detectors and tables" in inside.run(capsys, *call).stderr
+    assert "with other detectors and tables" in inside.oppload(*call).stderr
 
 
 @pytest.mark.usefixtures("_small_battery", "undrawn")
-def test_faults_of_the_clips_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_faults_of_the_clips_are_told(tmp_path: Path) -> None:
     write_video(tmp_path / "a.avi", grey_frames(10))
     manifest = tmp_path / "clips.csv"
     manifest.write_text("file,label,onset_frame,contact_frame\na.avi,none,,\nb.avi,none,,\n")
     words = *benchmark_in(tmp_path / "b", NAMES[0]), "--manifest", manifest
-    done = inside.run(capsys, *words)
+    done = inside.oppload(*words)
     assert done.returncode == 4
     assert done.stderr == (
         f"oppload: {manifest}: row 3: b.avi: there is no such file; give its path from the "
@@ -296,10 +294,8 @@ def test_the_shades_end_at_the_responses() -> None:
         ("--manifest", "no.csv", "no.csv: cannot be read"),
     ],
 )
-def test_wrong_names_are_refused(
-    option: str, value: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    done = inside.run(capsys, "benchmark", "-o", tmp_path / "new", option, value)
+def test_wrong_names_are_refused(option: str, value: str, message: str, tmp_path: Path) -> None:
+    done = inside.oppload("benchmark", "-o", tmp_path / "new", option, value)
     assert done.returncode == 2
     assert message in done.stderr
     assert not (tmp_path / "new").exists()

@@ -32,11 +32,3 @@ def oppload(*arguments: str | Path, cwd: Path | str = ".") -> Done:
         stream.seek(0)
         texts.append(stream.read())
     return Done(int(ended.value.code or 0), *texts)
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> Done:
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    out, err = capsys.readouterr()
-    return Done(int(ended.value.code or 0), out, err)

@@ -12,20 +12,18 @@ import pytest
 from oppload_cli.models.registry import alarm_floor_of, detector_named
 from oppload_cli.palette import bgr
 from oppload_cli.video.source import open_video
-from tests.cli.inside import run
+from tests.cli.inside import oppload
 from tests.results.make import rows_of
 from tests.tuning.test_tuning import DISK
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-Capture = pytest.CaptureFixture[str]
 NAMES = ("frame_difference", "flow_divergence")
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_run(name: str, clip: Path, tmp_path: Path, capsys: Capture) -> None:
-    done = run(capsys, "run", clip, "-o", tmp_path, "-q", "--no-rmo", "--model", name)
+def test_run(name: str, clip: Path, tmp_path: Path) -> None:
+    done = oppload("run", clip, "-o", tmp_path, "-q", "--no-rmo", "--model", name)
     assert (done.returncode, done.stderr) == (0, "")
     # A detector without places lists no objects.
     assert sorted(path.name for path in tmp_path.iterdir()) == [
@@ -46,19 +44,17 @@ def test_run(name: str, clip: Path, tmp_path: Path, capsys: Capture) -> None:
     assert sidecar["summary"][name]["frames"] == len(table) - 1
 
 
-def test_the_frame_difference_is_the_luminance_change(
-    clip: Path, tmp_path: Path, capsys: Capture
-) -> None:
-    run(capsys, "run", clip, "-o", tmp_path, "-q", "--no-rmo", "--model", "frame_difference")
+def test_the_frame_difference_is_the_luminance_change(clip: Path, tmp_path: Path) -> None:
+    oppload("run", clip, "-o", tmp_path, "-q", "--no-rmo", "--model", "frame_difference")
     for row in rows_of(tmp_path / "loom.frames.csv"):
         assert row["frame_difference_response"] == row["luma_change"]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_plot(name: str, clip: Path, tmp_path: Path, capsys: Capture) -> None:
-    run(capsys, "run", clip, "-o", tmp_path, "-q", "--no-rmo", "--model", name)
+def test_plot(name: str, clip: Path, tmp_path: Path) -> None:
+    oppload("run", clip, "-o", tmp_path, "-q", "--no-rmo", "--model", name)
     table = tmp_path / "loom.frames.csv"
-    done = run(capsys, "plot", table, "-o", tmp_path / "a.svg", "--scale", "raw")
+    done = oppload("plot", table, "-o", tmp_path / "a.svg", "--scale", "raw")
     assert (done.returncode, done.stderr) == (0, "")
     drawn, detector = (tmp_path / "a.svg").read_text(), detector_named(name)
     assert f"<!-- {detector.label}, peak" in drawn
@@ -66,9 +62,9 @@ def test_plot(name: str, clip: Path, tmp_path: Path, capsys: Capture) -> None:
     assert f"stroke: {detector.colour.lower()}" in drawn
 
 
-def test_annotate(clip: Path, tmp_path: Path, capsys: Capture) -> None:
-    done = run(
-        capsys, "run", clip, "-o", tmp_path, "-q", "--no-rmo", "--annotate",
+def test_annotate(clip: Path, tmp_path: Path) -> None:
+    done = oppload(
+        "run", clip, "-o", tmp_path, "-q", "--no-rmo", "--annotate",
         *(word for name in NAMES for word in ("--model", name)),
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
@@ -81,10 +77,10 @@ def test_annotate(clip: Path, tmp_path: Path, capsys: Capture) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_tune(name: str, tmp_path: Path, capsys: Capture) -> None:
+def test_tune(name: str, tmp_path: Path) -> None:
     (tmp_path / "disk.toml").write_text(DISK.format(before=0))
-    done = run(
-        capsys, "tune", tmp_path / "disk.toml", "-o", tmp_path, "--height", "native", "--jobs",
+    done = oppload(
+        "tune", tmp_path / "disk.toml", "-o", tmp_path, "--height", "native", "--jobs",
         "1", "--model", name, "--plot", "none",
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")

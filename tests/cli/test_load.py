@@ -16,7 +16,6 @@ import pytest
 from oppload_cli.errors import ParameterError
 from oppload_cli.models import LOAD, registry
 from tests.cli import inside
-from tests.cli.inside import run
 from tests.cli.process import ENTRY, oppload, python
 from tests.media import grey_frames, write_video
 
@@ -176,13 +175,13 @@ def test_files_of_any_name_have_modules_of_their_own(own: Path, tmp_path: Path) 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no name has a colon there")
 def test_a_path_that_separates_names_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "a:b"
     folder.mkdir()
     (folder / "own.py").write_text(DETECTOR)
     monkeypatch.chdir(folder)
-    done = run(capsys, "--load", "own.py", "models")
+    done = inside.oppload("--load", "own.py", "models")
     assert done.returncode == 2
     assert "--load own.py: its path holds ':', which separates the names" in done.stderr
 
@@ -213,26 +212,26 @@ def test_a_detector_that_another_file_registers_is_enough(tmp_path: Path) -> Non
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(
-    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     registry.load(str(own))
     words = ("tune", "bar-expand-60", "--over", "axis=0,90", "--model", "darkening", "--height",
              "60", "-j", "1", "--plot", "none")  # fmt: skip
-    done = run(capsys, *words)
+    done = inside.oppload(*words)
     assert done.returncode == 0, done.stderr
     table = next(tmp_path.glob("*.tuning.csv"))
     registry.forget("darkening")
-    refused = run(capsys, "plot", table.name)
+    refused = inside.oppload("plot", table.name)
     assert refused.returncode == 2
     assert refused.stderr == (
         f"oppload: {table.name}: its detector 'darkening' is not known here; load it, as in "
         "'oppload --load FILE.py ...', or register its class\n"
     )
     for command in (("plot", table.name), ("tune", "bar-expand-60"), ("run", "a.avi")):
-        unknown = run(capsys, *command, "--model", "darkening")
+        unknown = inside.oppload(*command, "--model", "darkening")
         assert unknown.returncode == 2
         assert "no model 'darkening'; choose " in unknown.stderr
         assert f"'oppload --load FILE.py {command[0]} ...'" in unknown.stderr
     registry.load(str(own))
-    assert run(capsys, "plot", table.name).returncode == 0
+    assert inside.oppload("plot", table.name).returncode == 0

@@ -7,8 +7,8 @@ import pytest
 
 from oppload_cli.cli.plot import plot
 from oppload_cli.plots.tuning import KINDS
-from tests.cli.inside import run
-from tests.cli.process import oppload
+from tests.cli import process
+from tests.cli.inside import oppload
 from tests.results.make import frame_rows, write_result, write_rows, write_tuning
 
 if TYPE_CHECKING:
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     Row = dict[str, str]
-
-Capture = pytest.CaptureFixture[str]
 
 
 def without(*names: str) -> list[Row]:
@@ -104,10 +102,9 @@ def test_a_wrong_result(
     options: list[str],
     sentence: str,
     tmp_path: Path,
-    capsys: Capture,
 ) -> None:
     path = write_rows(tmp_path / "a.frames.csv", rows())
-    done = run(capsys, "plot", path, *options, "-o", tmp_path / "a.png")
+    done = oppload("plot", path, *options, "-o", tmp_path / "a.png")
     assert done.returncode == 2
     assert sentence in done.stderr
     assert str(path) in done.stderr or options[1:] == ["soon"]
@@ -126,49 +123,49 @@ def test_a_wrong_result(
         ("stimulus,bar.axis_deg,model,peak\n", "holds no row"),
     ],
 )
-def test_a_wrong_tuning_table(text: str, sentence: str, tmp_path: Path, capsys: Capture) -> None:
+def test_a_wrong_tuning_table(text: str, sentence: str, tmp_path: Path) -> None:
     path = tmp_path / "a.tuning.csv"
     path.write_text(text)
-    done = run(capsys, "plot", path)
+    done = oppload("plot", path)
     assert (done.returncode, done.stdout) == (2, "")
     assert sentence in done.stderr
     assert not list(tmp_path.glob("*.png"))
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_results_of_different_lengths(tmp_path: Path, capsys: Capture) -> None:
+def test_results_of_different_lengths(tmp_path: Path) -> None:
     paths = [write_result(tmp_path / f"{n}.frames.csv", n) for n in (40, 30)]
     figure = tmp_path / "both.png"
     one = ("--model", "opplod")
-    done = run(capsys, "plot", *paths, *one, "-o", figure)
+    done = oppload("plot", *paths, *one, "-o", figure)
     assert done.returncode == 2
     assert "column 'frame' has 40 rows" in done.stderr
-    assert run(capsys, "plot", *paths, *one, "-o", figure, "--any-length").returncode == 0
-    assert run(capsys, "plot", *paths, "-o", figure).returncode == 0  # a panel each
+    assert oppload("plot", *paths, *one, "-o", figure, "--any-length").returncode == 0
+    assert oppload("plot", *paths, "-o", figure).returncode == 0  # a panel each
     assert figure.exists()
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_look_of_a_figure(tmp_path: Path, capsys: Capture) -> None:
+def test_the_look_of_a_figure(tmp_path: Path) -> None:
     paths = [write_result(tmp_path / f"{name}.frames.csv") for name in "ab"]
     figure = tmp_path / "both.svg"
     look = ("--title", "My title", "--label", "first", "--label", "second", "--xlim", "-1", "0.5")
-    done = run(
-        capsys, "plot", *paths, "-o", figure, "--scale", "raw", "--align", "contact",
+    done = oppload(
+        "plot", *paths, "-o", figure, "--scale", "raw", "--align", "contact",
         "--contact", "1.5", *look,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     drawn = figure.read_text()
     for text in ("My title", "first", "second", "time from contact (s)"):
         assert f"<!-- {text} -->" in drawn
-    done = run(capsys, "plot", *paths, "-o", figure, "--label", "one")
+    done = oppload("plot", *paths, "-o", figure, "--label", "one")
     assert (done.returncode, "1 label for 2 results" in done.stderr) == (2, True)
-    done = run(capsys, "plot", *paths, "-o", figure, "--align", "contact")
+    done = oppload("plot", *paths, "-o", figure, "--align", "contact")
     assert (done.returncode, "its time of contact is not known" in done.stderr) == (2, True)
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_contacts_come_from_a_manifest(tmp_path: Path, capsys: Capture) -> None:
+def test_contacts_come_from_a_manifest(tmp_path: Path) -> None:
     for name, contact in (("a", 20), ("b", 30)):
         write_result(tmp_path / f"{name}.frames.csv", peak=contact)
         sidecar = {"input": {"name": f"{name}.avi"}}
@@ -181,7 +178,7 @@ def test_contacts_come_from_a_manifest(tmp_path: Path, capsys: Capture) -> None:
     figure = tmp_path / "both.svg"
     arguments = ("plot", tmp_path / "a.frames.csv", tmp_path / "b.frames.csv", "-o", figure)
     aligned = (*arguments, "--align", "contact", "--model", "opplod", "--scale", "peak")
-    done = run(capsys, *aligned, "--manifest", manifest)
+    done = oppload(*aligned, "--manifest", manifest)
     assert (done.returncode, done.stderr) == (0, "")
     drawn = figure.read_text()
     assert "<!-- a, peak 1 at 0.00 s -->" in drawn
@@ -190,7 +187,7 @@ def test_contacts_come_from_a_manifest(tmp_path: Path, capsys: Capture) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_of_several_clips_of_one_name_the_path_decides(tmp_path: Path, capsys: Capture) -> None:
+def test_of_several_clips_of_one_name_the_path_decides(tmp_path: Path) -> None:
     for name, contact in (("a", 20), ("b", 30)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "clip.avi").touch()
@@ -204,40 +201,38 @@ def test_of_several_clips_of_one_name_the_path_decides(tmp_path: Path, capsys: C
     figure = tmp_path / "one.svg"
     drawing = ("--align", "contact", "--model", "opplod", "--scale", "peak", "-o", figure)
     for name in "ab":
-        done = run(
-            capsys, "plot", tmp_path / f"{name}.frames.csv", *drawing, "--manifest", manifest
-        )
+        done = oppload("plot", tmp_path / f"{name}.frames.csv", *drawing, "--manifest", manifest)
         assert done.returncode == 0
         assert "row 4: c.avi: there is no such file" in done.stderr
         assert "<!-- OppLoD, peak 1 at 0.00 s -->" in figure.read_text()
     (tmp_path / "a.oppload.json").write_text(json.dumps({"input": {"name": "z/clip.avi"}}))
-    done = run(capsys, "plot", tmp_path / "a.frames.csv", *drawing, "--manifest", manifest)
+    done = oppload("plot", tmp_path / "a.frames.csv", *drawing, "--manifest", manifest)
     assert (done.returncode, "are named 'clip.avi'; plot it from" in done.stderr) == (2, True)
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_contact_after_the_end_is_given_in_seconds(tmp_path: Path, capsys: Capture) -> None:
+def test_a_contact_after_the_end_is_given_in_seconds(tmp_path: Path) -> None:
     table = write_result(tmp_path / "a.frames.csv", 40)
-    done = run(capsys, "plot", table, "--contact", "f63")
+    done = oppload("plot", table, "--contact", "f63")
     assert done.returncode == 2
     assert "ends at frame 39; give a later time in seconds, such as --contact " in done.stderr
     seconds = done.stderr.rpartition(" ")[2].strip()
-    assert run(capsys, "plot", table, "--contact", seconds).returncode == 0
+    assert oppload("plot", table, "--contact", seconds).returncode == 0
 
 
-def test_one_figure_beside_each_result(tmp_path: Path, capsys: Capture) -> None:
+def test_one_figure_beside_each_result(tmp_path: Path) -> None:
     paths = [write_result(tmp_path / f"{name}.frames.csv") for name in "ab"]
-    done = run(capsys, "plot", *paths, "--onset", "f10", "--contact", "1.5")
+    done = oppload("plot", *paths, "--onset", "f10", "--contact", "1.5")
     made = [tmp_path / f"{name}.frames.png" for name in "ab"]
     assert done.returncode == 0
     assert done.stdout.split() == [str(path) for path in made]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in made)
 
 
-def test_a_file_beside_a_table_is_no_table(tmp_path: Path, capsys: Capture) -> None:
+def test_a_file_beside_a_table_is_no_table(tmp_path: Path) -> None:
     sidecar = tmp_path / "a.oppload.json"
     sidecar.write_text("{}")
-    done = run(capsys, "plot", sidecar)
+    done = oppload("plot", sidecar)
     assert done.returncode == 2
     assert done.stderr == (
         f"oppload: {sidecar}: is not a CSV table; give a frames.csv of 'oppload run'\n"
@@ -245,103 +240,99 @@ def test_a_file_beside_a_table_is_no_table(tmp_path: Path, capsys: Capture) -> N
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_lists_of_a_batch_are_no_results(tmp_path: Path, capsys: Capture) -> None:
+def test_the_lists_of_a_batch_are_no_results(tmp_path: Path) -> None:
     """``oppload plot results/*.csv`` names these lists too."""
     own = write_result(tmp_path / "a.frames.csv")
     lists = [tmp_path / name for name in ("alarms.csv", "failures.csv", "alarms-2-of-3.csv")]
     for path in lists:
         path.write_text("video,model\n")
-        assert "no column 'frame'" in run(capsys, "plot", path).stderr
-    done = run(capsys, "plot", *lists, own)
+        assert "no column 'frame'" in oppload("plot", path).stderr
+    done = oppload("plot", *lists, own)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == f"{tmp_path / 'a.frames.png'}\n"
 
 
-def test_the_settings_of_matplotlib_of_a_user_change_nothing(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_the_settings_of_matplotlib_of_a_user_change_nothing(tmp_path: Path) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     settings = tmp_path / "matplotlibrc"
     settings.write_text("text.usetex: True\nfont.size: 30\nsavefig.bbox: tight\n")
     plain, own = tmp_path / "plain.svg", tmp_path / "own.svg"
-    assert run(capsys, "plot", table, "-o", plain).returncode == 0
+    assert oppload("plot", table, "-o", plain).returncode == 0
     words, rc = ("plot", table, "-o", own), str(settings)
-    done = oppload(*words, MPLBACKEND="nosuch", MATPLOTLIBRC=rc, SOURCE_DATE_EPOCH="today")
+    done = process.oppload(*words, MPLBACKEND="nosuch", MATPLOTLIBRC=rc, SOURCE_DATE_EPOCH="today")
     assert (done.returncode, done.stderr) == (0, "")
     assert plain.read_bytes() == own.read_bytes()
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_polar_prints_peak_and_selectivity(tmp_path: Path, capsys: Capture) -> None:
+def test_polar_prints_peak_and_selectivity(tmp_path: Path) -> None:
     angles = {"scene.rotation_deg": [0.0, 90, 180, 270]}
     path = write_tuning(
         tmp_path / "a.tuning.csv", angles, {"opplod": [3.0, 1, 1, 1]}, stimulus="controls/x"
     )
-    done = run(capsys, "plot", path, "--kind", "polar")
+    done = oppload("plot", path, "--kind", "polar")
     assert done.returncode == 0
     assert (
         "OppLoD: peak 3 (arbitrary unit) at 0 deg, direction selectivity index 0.500" in done.stderr
     )
     assert "LPLC2" not in done.stderr
-    overlaid = run(capsys, "plot", path, "--lplc2", "60")
+    overlaid = oppload("plot", path, "--lplc2", "60")
     assert "LPLC2, 60 deg bar: peak 0.23 (of the loom)" in overlaid.stderr
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_show_needs_a_display(
-    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_show_needs_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     path = write_result(tmp_path / "a.frames.csv")
-    done = run(capsys, "plot", path, "--show")
+    done = oppload("plot", path, "--show")
     assert (done.returncode, "--show needs a display" in done.stderr) == (2, True)
     shown: list[str] = []
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr("click.launch", shown.append)  # returns None, which counts as exit code 0
-    assert run(capsys, "plot", path, "--show").returncode == 0
+    assert oppload("plot", path, "--show").returncode == 0
     assert shown == [str(tmp_path / "a.frames.png")]
 
 
-def test_a_wrong_name_of_a_figure_or_model(tmp_path: Path, capsys: Capture) -> None:
+def test_a_wrong_name_of_a_figure_or_model(tmp_path: Path) -> None:
     path = write_result(tmp_path / "a.frames.csv")
-    done = run(capsys, "plot", path, "-o", "a.gif")
+    done = oppload("plot", path, "-o", "a.gif")
     assert (done.returncode, "ends in .png, .svg or .pdf" in done.stderr) == (2, True)
-    done = run(capsys, "plot", path, "--model", "dlgdm")
+    done = oppload("plot", path, "--model", "dlgdm")
     assert (done.returncode, "did you mean 'dlgmd'" in done.stderr) == (2, True)
 
 
-def test_detectors_may_be_named_with_commas(tmp_path: Path, capsys: Capture) -> None:
+def test_detectors_may_be_named_with_commas(tmp_path: Path) -> None:
     path = write_result(tmp_path / "a.frames.csv")
     figures = []
     for words in (("--model", "opplod,dlgmd"), ("--model", "opplod", "--model", "dlgmd")):
-        assert run(capsys, "plot", path, *words, "-o", tmp_path / "a.png").returncode == 0
+        assert oppload("plot", path, *words, "-o", tmp_path / "a.png").returncode == 0
         figures.append((tmp_path / "a.png").read_bytes())
     assert figures[0] == figures[1]
 
 
-def test_a_flat_video_gives_zeros(tmp_path: Path, capsys: Capture) -> None:
+def test_a_flat_video_gives_zeros(tmp_path: Path) -> None:
     import numpy as np
 
     from tests.media import write_video
 
     video = write_video(tmp_path / "flat.avi", [np.full((48, 64), 90, np.uint8)] * 12)
-    assert run(capsys, "run", video, "-o", tmp_path, "-q").returncode == 0
+    assert oppload("run", video, "-o", tmp_path, "-q").returncode == 0
     table = tmp_path / "flat.frames.csv"
     assert "nan" not in table.read_text()
     for kind in ("curves", "rmo"):
-        done = run(capsys, "plot", table, "--kind", kind, "-o", tmp_path / f"{kind}.png")
+        done = oppload("plot", table, "--kind", kind, "-o", tmp_path / f"{kind}.png")
         assert (done.returncode, done.stderr) == (0, "")
-    done = run(capsys, "plot", table, "--kind", "map", "-o", tmp_path / "map.png")
+    done = oppload("plot", table, "--kind", "map", "-o", tmp_path / "map.png")
     assert (done.returncode, "OppLoD never responded" in done.stderr) == (2, True)
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_damaged_ground_truth_is_left_out_and_told(tmp_path: Path, capsys: Capture) -> None:
+def test_a_damaged_ground_truth_is_left_out_and_told(tmp_path: Path) -> None:
     path = write_result(tmp_path / "clip.frames.csv")
     (tmp_path / "clip.stimulus.json").write_text("{")
-    done = run(capsys, "plot", path, "-o", tmp_path / "a.png")
+    done = oppload("plot", path, "-o", tmp_path / "a.png")
     assert done.returncode == 0
     assert f"{path}: its ground truth is left out ({tmp_path / 'clip.stimulus.json'}" in done.stderr
     assert (tmp_path / "a.png").exists()
@@ -349,35 +340,35 @@ def test_a_damaged_ground_truth_is_left_out_and_told(tmp_path: Path, capsys: Cap
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_result_without_a_response_does_not_keep_the_others_from_being_drawn(
-    tmp_path: Path, capsys: Capture
+    tmp_path: Path,
 ) -> None:
     good = write_result(tmp_path / "good.frames.csv")
     short = write_rows(tmp_path / "short.frames.csv", frame_rows()[:2])
     left_out = f"oppload: left out: {short}: column 'opplod_response' is empty in every row"
-    done = run(capsys, "plot", tmp_path)
+    done = oppload("plot", tmp_path)
     assert (done.returncode, done.stdout) == (4, f"{good.with_suffix('.png')}\n")
     assert done.stderr.startswith(left_out)
     both = tmp_path / "both.svg"
     names = ("--label", "first", "--label", "second", "--model", "opplod", "-o", both)
-    done = run(capsys, "plot", short, good, *names)
+    done = oppload("plot", short, good, *names)
     assert (done.returncode, done.stdout) == (4, f"{both}\n")
     assert done.stderr.startswith(left_out)
     assert "<!-- second" in both.read_text()
     assert "<!-- first" not in both.read_text()
     # A plot of RMO needs no responses; RMO exists from the second frame.
-    done = run(capsys, "plot", tmp_path, "--kind", "rmo")
+    done = oppload("plot", tmp_path, "--kind", "rmo")
     assert (done.returncode, done.stderr) == (0, "")
     assert short.with_suffix(".rmo.png").exists()
     # If none of the results can be drawn, the command fails.
-    assert run(capsys, "plot", short).returncode == 2
-    done = run(capsys, "plot", short, short)
+    assert oppload("plot", short).returncode == 2
+    done = oppload("plot", short, short)
     assert (done.returncode, done.stdout) == (2, "")
-    done = run(capsys, "plot", short, short, "-o", both)
+    done = oppload("plot", short, short, "-o", both)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_another_kind_has_a_name_of_its_own(tmp_path: Path, capsys: Capture) -> None:
+def test_another_kind_has_a_name_of_its_own(tmp_path: Path) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     tuned = write_tuning(
         tmp_path / "b.tuning.csv", {"bar.axis_deg": [0.0, 90]}, {"opplod": [3.0, 1]}
@@ -386,7 +377,7 @@ def test_another_kind_has_a_name_of_its_own(tmp_path: Path, capsys: Capture) -> 
         (table, "curves", "a.frames.png"), (table, "map", "a.frames.map.png"),
         (tuned, "polar", "b.tuning.png"), (tuned, "line", "b.tuning.line.png"),
     ):  # fmt: skip
-        done = run(capsys, "plot", path, "--kind", kind)
+        done = oppload("plot", path, "--kind", kind)
         assert done.returncode == 0
         assert done.stdout.splitlines()[-1] == str(tmp_path / name)
     assert len(list(tmp_path.glob("*.png"))) == 4
@@ -412,20 +403,20 @@ def test_every_kind_of_plot_of_a_tuning_table_is_offered() -> None:
     ],
 )
 def test_an_option_without_effect_is_an_error(
-    table: str, options: list[str], sentence: str, tmp_path: Path, capsys: Capture
+    table: str, options: list[str], sentence: str, tmp_path: Path
 ) -> None:
     write_result(tmp_path / "a.frames.csv")
     write_tuning(tmp_path / "b.tuning.csv", {"bar.axis_deg": [0.0, 90]}, {"opplod": [3.0, 1]})
     suffix = "frames" if table == "a" else "tuning"
-    done = run(capsys, "plot", tmp_path / f"{table}.{suffix}.csv", *options)
+    done = oppload("plot", tmp_path / f"{table}.{suffix}.csv", *options)
     assert (done.returncode, done.stdout) == (2, "")
     assert f"oppload: {sentence}; leave it out\n" == done.stderr
     assert not list(tmp_path.glob("*.png"))
 
 
-def test_a_map_without_a_sidecar_says_so(tmp_path: Path, capsys: Capture) -> None:
+def test_a_map_without_a_sidecar_says_so(tmp_path: Path) -> None:
     table = write_result(tmp_path / "a.frames.csv")
-    done = run(capsys, "plot", table, "--kind", "map")
+    done = oppload("plot", table, "--kind", "map")
     assert done.returncode == 0
     assert done.stderr == (
         f"oppload: {table}: no sidecar (a.oppload.json) names its video and its size, so the "
@@ -434,5 +425,5 @@ def test_a_map_without_a_sidecar_says_so(tmp_path: Path, capsys: Capture) -> Non
     (tmp_path / "a.oppload.json").write_text(
         json.dumps({"input": {"name": "gone.avi", "kind": "container", "width": 64, "height": 48}})
     )
-    done = run(capsys, "plot", table, "--kind", "map")
+    done = oppload("plot", table, "--kind", "map")
     assert "its video is gone, so the background is white" in done.stderr

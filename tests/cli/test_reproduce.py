@@ -13,14 +13,12 @@ import pytest
 
 from oppload_cli.reproduction import claims
 from oppload_cli.reproduction.claims import FIGURES, Verdict
-from tests.cli.inside import oppload, run
+from tests.cli.inside import oppload
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from tests.browser import Browser
-
-Capture = pytest.CaptureFixture[str]
 
 
 class Page(HTMLParser):
@@ -114,7 +112,7 @@ def test_a_browser_shows_the_figure(one_figure: Path, browser: Browser) -> None:
 
 
 def test_figures_in_another_format_are_written_as_they_are_done(
-    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[list[str]] = []
     pages = claims.pages_of
@@ -125,7 +123,7 @@ def test_figures_in_another_format_are_written_as_they_are_done(
 
     monkeypatch.setattr("oppload_cli.cli.reproduce.pages_of", noted)
     call = "reproduce", "--only", "rmo-definition", "--plot", "svg", "-o", tmp_path, "-j", "1"
-    assert run(capsys, *call).returncode == 0
+    assert oppload(*call).returncode == 0
     assert [name for name in seen[0] if not name.endswith(".part")] == [
         "rmo-definition.csv",
         "rmo-definition.svg",
@@ -137,12 +135,12 @@ def test_figures_in_another_format_are_written_as_they_are_done(
     assert (figure["file"], figure["table"]) == ("rmo-definition.svg", "rmo-definition.csv")
 
 
-def test_the_names_of_the_figures(capsys: Capture) -> None:
-    assert run(capsys, "reproduce", "--list").stdout.split() == list(FIGURES)
+def test_the_names_of_the_figures() -> None:
+    assert oppload("reproduce", "--list").stdout.split() == list(FIGURES)
 
 
-def test_wrong_use(one_figure: Path, tmp_path: Path, capsys: Capture) -> None:
-    done = run(capsys, "reproduce", "--only", "looming-center", "-o", tmp_path / "out")
+def test_wrong_use(one_figure: Path, tmp_path: Path) -> None:
+    done = oppload("reproduce", "--only", "looming-center", "-o", tmp_path / "out")
     assert (done.returncode, "did you mean 'looming-centre'" in done.stderr) == (2, True)
     assert not (tmp_path / "out").exists()
     report = (one_figure / "report.json").read_bytes()

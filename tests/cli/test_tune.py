@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.cli.inside import Done, oppload, run
+from tests.cli.inside import Done, oppload
 from tests.results.make import rows_of
 from tests.tuning.test_tuning import DISK
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-Capture = pytest.CaptureFixture[str]
 
 
 @pytest.fixture
@@ -30,10 +28,10 @@ def faint(done: Done) -> list[str]:
     )
 
 
-def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = run(
-        capsys, "tune", stimulus, "-o", out, "--height", "native", "--jobs", "1", "--preset",
+    done = oppload(
+        "tune", stimulus, "-o", out, "--height", "native", "--jobs", "1", "--preset",
         "reference", "--set", "opplod.receptive_field=24", "--change", "timing.motion_s=0.5",
     )  # fmt: skip
     names = ["disk.tuning.csv", "disk.tuning.json", "disk.tuning.png"]
@@ -52,11 +50,11 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_classic_figure_is_drawn_as_its_kind(tmp_path: Path, capsys: Capture) -> None:
+def test_a_classic_figure_is_drawn_as_its_kind(tmp_path: Path) -> None:
     arguments = ("tune", "--figure", "peak-time", "--over", "l/v=10,30,50", "-o", tmp_path,
                  "--change", "display.frame_rate=30", "--change", "timing.motion_s=0.6",
                  "--model", "dlgmd", "--jobs", "1", "--indicator", "0.02")  # fmt: skip
-    done = run(capsys, *arguments)
+    done = oppload(*arguments)
     assert done.returncode == 0
     names = [f"peak-time.tuning.{end}" for end in ("csv", "json", "png")]
     assert done.stdout.split() == [str(tmp_path / name) for name in names]
@@ -68,16 +66,16 @@ def test_a_classic_figure_is_drawn_as_its_kind(tmp_path: Path, capsys: Capture) 
     assert f", delay {1000 * fit['delay_s']:.0f} ± " in done.stderr
     before = (tmp_path / names[0]).read_bytes()
     more = "--plot", "none", "--if-exists", "overwrite"
-    assert run(capsys, *arguments, *more).stderr.splitlines()[-1] in done.stderr
+    assert oppload(*arguments, *more).stderr.splitlines()[-1] in done.stderr
     assert (tmp_path / names[0]).read_bytes() == before
-    drawn = run(capsys, "plot", tmp_path / names[0], "-o", tmp_path / "a.svg", "--no-published")
+    drawn = oppload("plot", tmp_path / names[0], "-o", tmp_path / "a.svg", "--no-published")
     assert drawn.stderr.splitlines()[0] in done.stderr
     assert drawn.returncode == 0
 
 
-def test_the_indices_of_a_direction_stand_in_the_sidecar(tmp_path: Path, capsys: Capture) -> None:
-    done = run(
-        capsys, "tune", "klapoetke2017/bar-sweep", "--over", "direction=0,90,180,270",
+def test_the_indices_of_a_direction_stand_in_the_sidecar(tmp_path: Path) -> None:
+    done = oppload(
+        "tune", "klapoetke2017/bar-sweep", "--over", "direction=0,90,180,270",
         "--model", "frame_difference", "--height", "60", "--change", "timing.motion_s=0.3",
         "--plot", "none", "-o", tmp_path, "--jobs", "1",
     )  # fmt: skip
@@ -88,22 +86,18 @@ def test_the_indices_of_a_direction_stand_in_the_sidecar(tmp_path: Path, capsys:
     assert f"least response {numbers['least_over_largest']:.3g} of the peak" in done.stderr
 
 
-def test_a_detector_that_hardly_responds_is_named(
-    stimulus: Path, tmp_path: Path, capsys: Capture
-) -> None:
+def test_a_detector_that_hardly_responds_is_named(stimulus: Path, tmp_path: Path) -> None:
     arguments = ("tune", stimulus, "-o", tmp_path, "--height", "native", "--plot", "none",
                  "--jobs", "1", "--over", "speed=15", "--if-exists", "overwrite")  # fmt: skip
-    assert faint(run(capsys, *arguments)) == ["D-LGMD"]
-    done = run(capsys, *arguments, "--change", "disk.luminance=0.49")
+    assert faint(oppload(*arguments)) == ["D-LGMD"]
+    done = oppload(*arguments, "--change", "disk.luminance=0.49")
     assert (done.returncode, faint(done)) == (0, ["OppLoD", "D-LGMD"])
     assert "is below a tenth of the floor of its alarm, 0.0008," in done.stderr
 
 
-def test_a_sweep_that_no_plot_shows_leaves_its_table(
-    stimulus: Path, tmp_path: Path, capsys: Capture
-) -> None:
-    done = run(
-        capsys, "tune", stimulus, "-o", tmp_path / "out", "--jobs", "1", "--model", "opplod",
+def test_a_sweep_that_no_plot_shows_leaves_its_table(stimulus: Path, tmp_path: Path) -> None:
+    done = oppload(
+        "tune", stimulus, "-o", tmp_path / "out", "--jobs", "1", "--model", "opplod",
         "--over", 'disk.appears=["start","onset"]', "--height", "60",
     )  # fmt: skip
     names = ["disk.tuning.csv", "disk.tuning.json"]
@@ -114,16 +108,16 @@ def test_a_sweep_that_no_plot_shows_leaves_its_table(
     assert "oppload: disk.growth.speed_deg_s stays at 25; to sweep it as well" in done.stderr
 
 
-def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path) -> None:
     arguments = ("tune", stimulus, "-o", tmp_path, "--height", "native", "--plot", "none",
                  "--jobs", "1", "--over", "speed=15", "--model", "opplod")  # fmt: skip
-    assert run(capsys, *arguments).returncode == 0
+    assert oppload(*arguments).returncode == 0
     before = (tmp_path / "disk.tuning.csv").read_bytes()
     (tmp_path / "disk.tuning.csv").write_text("mine")
     done = oppload(*arguments)
     assert (done.returncode, "exists already" in done.stderr) == (2, True)
     assert (tmp_path / "disk.tuning.csv").read_text() == "mine"
-    assert run(capsys, *arguments, "--if-exists", "overwrite").returncode == 0
+    assert oppload(*arguments, "--if-exists", "overwrite").returncode == 0
     assert (tmp_path / "disk.tuning.csv").read_bytes() == before
 
 
@@ -152,11 +146,9 @@ def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path, capsy
         (["DISK", "--jobs", "-1"], "--jobs"),
     ],
 )
-def test_wrong_use(
-    arguments: list[str], sentence: str, stimulus: Path, tmp_path: Path, capsys: Capture
-) -> None:
+def test_wrong_use(arguments: list[str], sentence: str, stimulus: Path, tmp_path: Path) -> None:
     named = [str(stimulus) if word == "DISK" else word for word in arguments]
-    done = run(capsys, "tune", *named, "-o", tmp_path / "out")
+    done = oppload("tune", *named, "-o", tmp_path / "out")
     assert done.returncode == 2
     assert sentence in done.stderr
     assert "Traceback" not in done.stderr

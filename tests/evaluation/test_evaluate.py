@@ -15,9 +15,8 @@ import pytest
 from oppload_cli.evaluation.metrics.intervals import Measurement
 from oppload_cli.evaluation.output import FILES, printed_table
 from oppload_cli.evaluation.page import MEASURES, NO_VALUE, number
-from tests.cli import inside
-from tests.cli.inside import run
-from tests.cli.process import oppload
+from tests.cli import process
+from tests.cli.inside import oppload
 from tests.evaluation.conftest import CONTACT, ONSET
 from tests.results.make import rows_of
 
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from tests.browser import Browser
-
-Capture = pytest.CaptureFixture[str]
 DETECTORS = ["opplod:reference", "dlgmd", "frame_difference", "flow_divergence"]
 
 
@@ -56,7 +53,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def evaluated(labelled: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("evaluated")
-    done = inside.oppload(
+    done = oppload(
         "evaluate", labelled / "manifest.csv", "-o", folder, "--model", "opplod:reference",
         "--draws", "100", "-j", "1",
     )  # fmt: skip
@@ -190,7 +187,7 @@ def test_a_browser_shows_every_picture(evaluated: Path, browser: Browser) -> Non
 def test_the_same_clips_give_the_same_bytes(
     evaluated: Path, labelled: Path, tmp_path: Path
 ) -> None:
-    done = oppload(
+    done = process.oppload(
         "evaluate", labelled / "manifest.csv", "-o", tmp_path, "--model", "opplod:reference",
         "--draws", "100", "-j", "2", "-q",
     )  # fmt: skip
@@ -205,9 +202,7 @@ def test_the_same_clips_give_the_same_bytes(
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_faults_are_reported_and_the_rest_runs(
-    labelled: Path, tmp_path: Path, capsys: Capture
-) -> None:
+def test_faults_are_reported_and_the_rest_runs(labelled: Path, tmp_path: Path) -> None:
     for name in ("centre.avi", "moving.avi"):
         shutil.copy(labelled / name, tmp_path / name)
     (tmp_path / "text.avi").write_text("no video")
@@ -220,8 +215,8 @@ def test_faults_are_reported_and_the_rest_runs(
         "gone.avi,none,,,\n"
         "text.avi,none,,,\n"
     )
-    done = run(
-        capsys, "evaluate", manifest, "-o", tmp_path / "out", "--model", "opplod:reference",
+    done = oppload(
+        "evaluate", manifest, "-o", tmp_path / "out", "--model", "opplod:reference",
         "--draws", "100", "-j", "1",
     )  # fmt: skip
     assert done.returncode == 4
@@ -236,29 +231,29 @@ def test_faults_are_reported_and_the_rest_runs(
     assert "gone.avi: there is no such file" in page
 
 
-def test_wrong_use(evaluated: Path, labelled: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_wrong_use(evaluated: Path, labelled: Path, tmp_path: Path) -> None:
     manifest = labelled / "manifest.csv"
     for code, reason, arguments in (
         (2, "cannot be read", (tmp_path / "no.csv",)),
         (2, "did you mean 'opplod:reference'", (manifest, "--model", "opplod:refrence")),
         (2, "check --boxes", (manifest, "--boxes", tmp_path / "no.json")),
     ):
-        done = run(capsys, "evaluate", *arguments)
+        done = oppload("evaluate", *arguments)
         assert (done.returncode, reason in done.stderr) == (code, True), done.stderr
-    again = run(capsys, "evaluate", manifest, "-o", evaluated)
+    again = oppload("evaluate", manifest, "-o", evaluated)
     assert (again.returncode, "exists already" in again.stderr) == (2, True)
     empty = tmp_path / "empty.csv"
     empty.write_text("file,label,onset_frame,contact_frame\nno.avi,none,,\n")
     one_process = "-o", tmp_path / "out", "-j", "1"
-    done = run(capsys, "evaluate", empty, *one_process)
+    done = oppload("evaluate", empty, *one_process)
     assert (done.returncode, "names no clip that can be used" in done.stderr) == (3, True)
     empty.write_text("file,label,onset_frame,contact_frame\n")
-    done = run(capsys, "evaluate", empty, "-o", tmp_path / "out")
+    done = oppload("evaluate", empty, "-o", tmp_path / "out")
     assert done.stderr.endswith("names no clip that can be used; add a row for each clip\n")
     for name in ("a.avi", "b.avi"):
         (tmp_path / name).write_text("no video")
     empty.write_text("file,label,onset_frame,contact_frame\na.avi,none,,\nb.avi,none,,\n")
-    said = run(capsys, "evaluate", empty, *one_process).stderr
+    said = oppload("evaluate", empty, *one_process).stderr
     for row, name in ((2, "a.avi"), (3, "b.avi")):
         assert f"; row {row}: {tmp_path / name}: not a video" in said
     assert not list((tmp_path / "out").glob("*"))

@@ -26,7 +26,7 @@ from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
 from oppload_cli.video.source import source_of
 from oppload_cli.video.writers import Recording
-from tests.cli.inside import run
+from tests.cli.inside import oppload
 from tests.report.make import (
     ALARMS,
     BOX,
@@ -46,8 +46,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.video.frames import Picture
-
-Capture = pytest.CaptureFixture[str]
 ROWS = LAST - FIRST + 1
 
 
@@ -165,7 +163,7 @@ def test_the_index_names_the_colours_of_the_detectors_once(table: Path) -> None:
     ]
 
 
-def test_a_table_that_was_cut_is_told(table: Path, capsys: Capture) -> None:
+def test_a_table_that_was_cut_is_told(table: Path) -> None:
     content = sidecar_of(table.with_name("clip.mkv"))
     content["decode"] = {"analysed": ROWS}
     write_sidecar(table, content)
@@ -173,7 +171,7 @@ def test_a_table_that_was_cut_is_told(table: Path, capsys: Capture) -> None:
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:-3])[:-4])
     said = f"the table lacks 4 of the run's {ROWS} rows; run it again"
     for command in ("report", "plot"):
-        done = run(capsys, command, table, *(["-j", "1"] if command == "report" else []))
+        done = oppload(command, table, *(["-j", "1"] if command == "report" else []))
         assert (done.returncode, said in done.stderr) == (0, True)
     assert said.replace("'", "&#39;") in table.with_name("clip.report.html").read_text()
 
@@ -400,9 +398,9 @@ def test_damaged_files(name: str, content: str, message: str, table: Path) -> No
     assert name.partition(".")[0] in str(caught.value)
 
 
-def test_one_damaged_result_does_not_stop_the_others(table: Path, capsys: Capture) -> None:
+def test_one_damaged_result_does_not_stop_the_others(table: Path) -> None:
     table.with_name("broken.frames.csv").write_text("x\n")
-    done = run(capsys, "report", table.parent, "-j", "1")
+    done = oppload("report", table.parent, "-j", "1")
     assert done.returncode == 4
     assert "broken.frames.csv: holds no row" in done.stderr
     index = table.with_name("index.html")
@@ -411,58 +409,56 @@ def test_one_damaged_result_does_not_stop_the_others(table: Path, capsys: Captur
     assert index.read_text().count("<tr data-title") == 1
 
 
-def test_wrong_use(table: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_wrong_use(table: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
-    assert "holds no result" in run(capsys, "report", empty).stderr
+    assert "holds no result" in oppload("report", empty).stderr
     other = write_numbered_result(empty)
-    done = run(capsys, "report", table, other)
+    done = oppload("report", table, other)
     assert (done.returncode, "several folders" in done.stderr) == (2, True)
     mine = tmp_path / "out" / "index.html"
     mine.parent.mkdir()
     mine.write_text("<h1>my own page</h1>")
     call = ("report", table, other, "--output", mine.parent, "-j", "1")
-    done = run(capsys, *call)
+    done = oppload(*call)
     assert (done.returncode, "was not made by oppload" in done.stderr) == (2, True)
     mine.unlink()
     for _ in range(2):  # the second replaces the first
-        assert run(capsys, *call).returncode == 0
+        assert oppload(*call).returncode == 0
     pages = sorted(path.name for path in mine.parent.iterdir())
     assert pages == ["clip-2.report.html", "clip.report.html", "index.html"]
     with pytest.raises(OutputError, match="cannot be written"):
         write_report([table], table)
 
 
-def test_a_run_with_a_report(tmp_path: Path, capsys: Capture) -> None:
+def test_a_run_with_a_report(tmp_path: Path) -> None:
     clip = write_numbered_result(tmp_path, "one").with_name("one.mkv")
     out = tmp_path / "out"
-    done = run(capsys, "run", clip, "-o", out, "--report", "--no-rmo", "-j", "1")
+    done = oppload("run", clip, "-o", out, "--report", "--no-rmo", "-j", "1")
     assert (done.returncode, done.stdout) == (0, "")
     assert data_of(out / "one.report.html")["frames"] == list(range(20))
     shutil.copy(clip, tmp_path / "two.mkv")
     both = (clip, tmp_path / "two.mkv")
     more = ("--report", "--if-exists", "skip", "--no-rmo", "-j", "1")
-    done = run(capsys, "run", *both, "-o", out, *more)
+    done = oppload("run", *both, "-o", out, *more)
     assert f"page: {out / 'index.html'}" in done.stderr
     assert (out / "index.html").read_text().count("<tr data-title") == 2
-    assert "needs a display" in run(capsys, "report", out, "--show").stderr
+    assert "needs a display" in oppload("report", out, "--show").stderr
     for wrong in (("-o", "-"), ("--shard", "1/2")):
-        assert run(capsys, "run", clip, "--report", *wrong).returncode == 2
+        assert oppload("run", clip, "--report", *wrong).returncode == 2
 
 
-def test_a_run_that_is_too_short_for_a_page_keeps_its_files(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_a_run_that_is_too_short_for_a_page_keeps_its_files(tmp_path: Path) -> None:
     clip = write_numbered_result(tmp_path, "one").with_name("one.mkv")
     more = ("--end", "f2", "--report", "--no-rmo", "-j", "1")
-    done = run(capsys, "run", clip, "-o", tmp_path / "out", *more)
+    done = oppload("run", clip, "-o", tmp_path / "out", *more)
     assert done.returncode == 4
     assert "column 'opplod_response' is empty in every row" in done.stderr
     assert (tmp_path / "out" / "one.frames.csv").exists()
 
 
 def test_an_interrupted_run_says_how_to_make_the_pages(
-    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     table = write_numbered_result(tmp_path, "one")
     told = f"interrupted: all 7 rows are kept; 'oppload report {tmp_path}' makes the pages\n"
@@ -472,27 +468,25 @@ def test_an_interrupted_run_says_how_to_make_the_pages(
 
     monkeypatch.setattr(running, "run_task", stopped)
     command = ("run", table.with_name("one.mkv"), "-o", tmp_path, "--if-exists", "overwrite")
-    assert told not in run(capsys, *command).stderr
-    assert told in run(capsys, *command, "--report").stderr
+    assert told not in oppload(*command).stderr
+    assert told in oppload(*command, "--report").stderr
     table.unlink()
-    assert "makes the pages" not in run(capsys, *command, "--report").stderr
+    assert "makes the pages" not in oppload(*command, "--report").stderr
 
 
-def test_a_retry_makes_an_index_of_all_results(tmp_path: Path, capsys: Capture) -> None:
+def test_a_retry_makes_an_index_of_all_results(tmp_path: Path) -> None:
     clip, out = write_numbered_result(tmp_path, "one").with_name("one.mkv"), tmp_path / "out"
     late = tmp_path / "two.mkv"
     more = ("--report", "--no-rmo", "-j", "1")
-    done = run(capsys, "run", clip, late, "-o", out, *more)
+    done = oppload("run", clip, late, "-o", out, *more)
     assert done.returncode == 4
     shutil.copy(clip, late)
     commands = [shlex.split(line) for line in done.stderr.splitlines() if line[:9] == "  oppload"]
-    assert [run(capsys, *words[1:], "-j", "1").returncode for words in commands] == [0, 0]
+    assert [oppload(*words[1:], "-j", "1").returncode for words in commands] == [0, 0]
     assert (out / "index.html").read_text().count("<tr data-title") == 2
 
 
-def test_the_index_tells_of_inputs_that_failed_and_of_incomplete_ones(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_the_index_tells_of_inputs_that_failed_and_of_incomplete_ones(tmp_path: Path) -> None:
     (tmp_path / "clips").mkdir()
     for name in ("one", "two"):
         write_clip(tmp_path / "clips" / f"{name}.mkv")
@@ -500,25 +494,25 @@ def test_the_index_tells_of_inputs_that_failed_and_of_incomplete_ones(
     (tmp_path / "clips" / "two.mkv").write_bytes(whole[: len(whole) * 2 // 3])
     (tmp_path / "clips" / "three.mkv").write_bytes(b"no video")
     out, more = tmp_path / "out", ("--no-rmo", "-j", "1", "-q")
-    assert run(capsys, "run", tmp_path / "clips", "-o", out, "--report", *more).returncode == 4
+    assert oppload("run", tmp_path / "clips", "-o", out, "--report", *more).returncode == 4
     index = out / "index.html"
     assert "<summary>1 result without a page</summary>" in index.read_text()
     assert "three.mkv: not a video" in index.read_text()
     # Also later, and of the parts of a batch; an input with a result has a page.
     listed = (out / "failures.csv").read_text()
     (out / "failures-2-of-2.csv").write_text(listed.replace("three", "one"))
-    assert run(capsys, "report", out, "-j", "1", "-q").returncode == 0
+    assert oppload("report", out, "-j", "1", "-q").returncode == 0
     assert "<summary>1 result without a page</summary>" in index.read_text()
     found = re.findall(r">(\w+).mkv</a>(?: <span[^>]*>(\w+)</span>)?</td>", index.read_text())
     assert sorted(found) == [("one", ""), ("two", "incomplete")]
     # An index of chosen results holds these alone, and that of folders the failures of each.
-    assert run(capsys, "report", *out.glob("*.frames.csv"), "-j", "1", "-q").returncode == 0
+    assert oppload("report", *out.glob("*.frames.csv"), "-j", "1", "-q").returncode == 0
     assert "without a page" not in index.read_text()
     (out / "failures.csv").rename(tmp_path / "clips" / "failures.csv")
     copied = tmp_path / "clips" / "one.frames.csv"
     copied.write_bytes((out / "one.frames.csv").read_bytes())
     (out / "failures-2-of-2.csv").unlink()
-    assert run(capsys, "report", out, copied.parent, "-o", out, "-j", "1", "-q").returncode == 0
+    assert oppload("report", out, copied.parent, "-o", out, "-j", "1", "-q").returncode == 0
     assert "<summary>1 result without a page</summary>" in index.read_text()
 
 
@@ -528,14 +522,14 @@ def titles_in(index: Path) -> dict[str, str]:
     return dict(sorted(cells))
 
 
-def test_pages_lie_beside_their_results(tmp_path: Path, capsys: Capture) -> None:
+def test_pages_lie_beside_their_results(tmp_path: Path) -> None:
     """Two videos of one name in two folders; a third one changes no name."""
     clips = tmp_path / "v"
     for place in ("x", "y"):
         (clips / place).mkdir(parents=True)
         write_clip(clips / place / "a.mkv")
     out, more = tmp_path / "rv", ("--report", "--if-exists", "skip", "--no-rmo", "-j", "1", "-q")
-    assert run(capsys, "run", "-r", clips, "-o", out, *more).returncode == 0
+    assert oppload("run", "-r", clips, "-o", out, *more).returncode == 0
     both = {"./x/a.report.html": "x/a.mkv", "./y/a.report.html": "y/a.mkv"}
     assert titles_in(out / "index.html") == both
     for place in ("x", "y"):
@@ -546,19 +540,19 @@ def test_pages_lie_beside_their_results(tmp_path: Path, capsys: Capture) -> None
     (clips / "w").mkdir()
     shutil.copy(clips / "x" / "a.mkv", clips / "w" / "a.mkv")
     shutil.copy(clips / "x" / "a.mkv", clips / "w" / "only.mkv")
-    assert run(capsys, "run", "-r", clips, "-o", out, *more).returncode == 0
+    assert oppload("run", "-r", clips, "-o", out, *more).returncode == 0
     joined = {"./w/a.report.html": "w/a.mkv", "./w/only.report.html": "only.mkv", **both}
     assert titles_in(out / "index.html") == joined
     assert len(list(out.rglob("*.report.html"))) == 4
     # The same of the results alone, here and elsewhere.
     for folder in (out, tmp_path / "pages"):
-        assert run(capsys, "report", out, "-o", folder, "-j", "1", "-q").returncode == 0
+        assert oppload("report", out, "-o", folder, "-j", "1", "-q").returncode == 0
         assert titles_in(folder / "index.html") == joined
     assert sorted((tmp_path / "pages").iterdir()) == [
         tmp_path / "pages" / name for name in ("index.html", "w", "x", "y")
     ]
     two = tmp_path / "two"
-    done = run(capsys, "report", out / "x", out / "y", "-o", two, "-j", "1", "-q")
+    done = oppload("report", out / "x", out / "y", "-o", two, "-j", "1", "-q")
     assert (done.returncode, titles_in(two / "index.html")) == (0, both)
 
 

@@ -27,7 +27,7 @@ from oppload_cli.results.reading import is_tuning, read_result
 from oppload_cli.schema import parsed_fraction
 from oppload_cli.video.inputs import found_inputs
 from oppload_cli.video.source import open_video
-from tests.cli.inside import run
+from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 from tests.robustness.inputs import Kind, make
 
@@ -65,7 +65,7 @@ BROKEN: dict[str, Callable[[dict[str, Any]], object]] = {
 @pytest.mark.parametrize("frames", [False, True])
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_bad_sidecars_are_named_and_do_not_stop_the_others(
-    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str, *, frames: bool
+    result: Path, tmp_path: Path, suffix: str, *, frames: bool
 ) -> None:
     if suffix == "parquet":
         pytest.importorskip("pyarrow", reason="NOT TESTED: pip install 'oppload[parquet]'")
@@ -91,7 +91,7 @@ def test_bad_sidecars_are_named_and_do_not_stop_the_others(
     if frames:  # the tables themselves are good
         bad &= {"deep", "pipe"}
     table = tmp_path / f"all.{suffix}"
-    done = run(capsys, "collect", folder, "-o", table, *(["--frames"] if frames else []))
+    done = oppload("collect", folder, "-o", table, *(["--frames"] if frames else []))
     assert done.returncode == 4, done.stderr
     named = {Path(line.split(": ")[1]).name for line in done.stderr.splitlines()[: len(bad)]}
     assert {name.partition(".")[0] for name in named} == bad
@@ -164,15 +164,13 @@ def test_only_the_needed_columns_and_the_complete_lines_are_read(
         assert len(read_result(part).frames) == 11
 
 
-def test_any_name_can_be_drawn(
-    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_any_name_can_be_drawn(result: Path, tmp_path: Path) -> None:
     names = ["a$\\frac{b$", "_a$b$", "$", "a\\$b$", "\udcff", "x\ny", "影"]
     paths = [tmp_path / f"{name}.frames.csv" for name in names]
     for path in paths:
         path.write_bytes(result.read_bytes())
     words = ("--model", "opplod", "--title", " ".join(names), "-o", tmp_path / "a.png")
-    done = run(capsys, "plot", *paths, *words)
+    done = oppload("plot", *paths, *words)
     assert done.returncode == 0, done.stderr
     for name in names:
         shown = wrapped(name, 1000)
@@ -180,9 +178,7 @@ def test_any_name_can_be_drawn(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pipes with names")
-def test_pipes_among_files_never_make_a_command_wait(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_pipes_among_files_never_make_a_command_wait(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mp4")
     (tmp_path / "a.mp4").touch()
     assert [each.name for each in found_inputs(str(tmp_path), recursive=True)] == [
@@ -192,7 +188,7 @@ def test_pipes_among_files_never_make_a_command_wait(
         content_of(tmp_path / "pipe.mp4")
     manifest = tmp_path / "manifest.csv"
     manifest.write_text("file,label,onset_frame,contact_frame\npipe.mp4,none,,\n")
-    done = run(capsys, "evaluate", manifest, "-o", tmp_path / "out")
+    done = oppload("evaluate", manifest, "-o", tmp_path / "out")
     assert "row 2: pipe.mp4: is a pipe or a device" in done.stderr
     read, write = os.pipe()
     os.write(write, b"text")
@@ -237,19 +233,17 @@ def _written(pipe: Path, content: bytes) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no links and pipes")
-def test_links_to_themselves_and_pipes_among_inputs(
-    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_links_to_themselves_and_pipes_among_inputs(result: Path, tmp_path: Path) -> None:
     (tmp_path / "clip.avi").write_bytes((result.parent / "clip.avi").read_bytes())
     (tmp_path / "loop.avi").symlink_to("loop.avi")
     os.mkfifo(tmp_path / "pipe.avi")
     quick = ("--height", "24", "-q", "--no-rmo", "--jobs", "1", "-o")
     for number, name in enumerate((str(tmp_path / "*.avi"), str(tmp_path / "loop.avi"))):
-        done = run(capsys, "run", name, *quick, tmp_path / f"out{number}")
+        done = oppload("run", name, *quick, tmp_path / f"out{number}")
         assert done.returncode == (3 if number else 4), done.stderr
         assert ("pipe.avi: is a pipe or a device" in done.stderr) == (number == 0)
         assert "loop.avi: cannot be read (too many levels of symbolic links)" in done.stderr
-    done = run(capsys, "run", "-r", tmp_path, *quick, tmp_path / "out")
+    done = oppload("run", "-r", tmp_path, *quick, tmp_path / "out")
     assert (done.returncode, done.stderr) == (0, "")
     images = tmp_path / "images"
     images.mkdir()
@@ -257,7 +251,7 @@ def test_links_to_themselves_and_pipes_among_inputs(
         Image.new("L", (24, 16)).save(images / f"{number}.png")
     os.mkfifo(images / "3.png")
     (images / "4.png").symlink_to("4.png")
-    done = run(capsys, "run", images, *quick, tmp_path / "out")
+    done = oppload("run", images, *quick, tmp_path / "out")
     assert done.returncode == 4
     assert "3.png is not an image that can be read (not a regular file)" in done.stderr
     assert "4.png is not an image that can be read (too many levels" in done.stderr
@@ -283,11 +277,9 @@ NUMBERS = [
 
 
 @pytest.mark.parametrize(("option", "value"), NUMBERS)
-def test_numbers_beyond_all_bounds(
-    option: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_numbers_beyond_all_bounds(option: str, value: str, tmp_path: Path) -> None:
     clip = write_video(tmp_path / "clip.avi", grey_frames(8), codec="ffv1")
-    done = run(capsys, "run", clip, "-o", tmp_path / "out", option, value)
+    done = oppload("run", clip, "-o", tmp_path / "out", option, value)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr[:300]
     assert "bug" not in done.stderr
 
@@ -300,10 +292,10 @@ def test_exact_fractions_stay_small() -> None:
 
 
 @pytest.mark.parametrize("text", ["a=" + "[" * 900 + "]" * 900, f"[sweep.{'a.' * 3000}a]\nb=[1]"])
-def test_deep_toml(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_deep_toml(text: str, tmp_path: Path) -> None:
     path = tmp_path / "deep.toml"
     path.write_text(text)
-    done = run(capsys, "stimuli", "show", path)
+    done = oppload("stimuli", "show", path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr[:300]
     assert "deep.toml: " in done.stderr
 

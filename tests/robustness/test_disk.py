@@ -16,7 +16,7 @@ import pytest
 
 from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile
-from tests.cli.inside import Done, oppload, run
+from tests.cli.inside import Done, oppload
 from tests.cli.process import ENTRY, InTurn, in_turn, python
 from tests.media import grey_frames, write_film, write_video
 
@@ -149,7 +149,6 @@ def test_every_command_says_in_one_sentence_that_it_cannot_write(
     command: tuple[str, ...],
     words: dict[str, Path],
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     (tmp_path / "file").write_text("in the way")
     places = {
@@ -164,7 +163,7 @@ def test_every_command_says_in_one_sentence_that_it_cannot_write(
         }
     for place, reason in places.items():
         named = [word.format(place=place, **words) for word in command]
-        one_sentence(run(capsys, *named), f": cannot be written ({reason})")
+        one_sentence(oppload(*named), f": cannot be written ({reason})")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -179,13 +178,12 @@ def test_every_command_on_a_read_only_disk(
     command: tuple[str, ...],
     words: dict[str, Path],
     read_only: Path,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     named = [word.format(place=read_only, **words) for word in command]
     if command[1] != "{clip}" or command[2] == "-o":
-        one_sentence(run(capsys, *named), ": cannot be written (read-only file system)")
+        one_sentence(oppload(*named), ": cannot be written (read-only file system)")
         return
-    done = run(capsys, *named)  # each input says so, and failures.csv
+    done = oppload(*named)  # each input says so, and failures.csv
     assert (done.returncode, "bug" in done.stderr) == (2, False)
     assert done.stderr.count("cannot be written (read-only file system)") == 3
 
@@ -210,12 +208,12 @@ def test_no_folder_for_the_cache_of_matplotlib(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_plot_beside_its_result_on_a_read_only_disk(
-    words: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: dict[str, Path], tmp_path: Path
 ) -> None:
     with mounted(tmp_path / "fixed", "rw") as folder:
         shutil.copy(words["table"], folder)
         subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
-        done = run(capsys, "plot", folder / words["table"].name)
+        done = oppload("plot", folder / words["table"].name)
         one_sentence(done, "clip.frames.png: cannot be written (read-only file system)")
 
 
@@ -234,15 +232,13 @@ def put(kind: str, part: Path, target: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pipes with names")
 @pytest.mark.parametrize("kind", ["symbolic link", "hard link", "pipe", "folder"])
-def test_something_else_in_the_place_of_a_part_file(
-    kind: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_something_else_in_the_place_of_a_part_file(kind: str, clip: Path, tmp_path: Path) -> None:
     target, part = tmp_path / "mine.txt", tmp_path / "clip.frames.csv.part"
     put(kind, part, target)
     reason = "clip.frames.csv.part is a link, a folder or a device"
     with pytest.raises(OutputError, match=re.escape(reason)):
         PartFile(tmp_path / "clip.frames.csv")
-    done = run(capsys, "run", clip, "-o", tmp_path, "--if-exists", "overwrite")
+    done = oppload("run", clip, "-o", tmp_path, "--if-exists", "overwrite")
     one_sentence(done, f"clip.frames.csv: cannot be written ({reason})")
     assert target.read_text() == "mine"
     assert sorted(path.name for path in tmp_path.iterdir()) == [part.name, target.name]
@@ -260,11 +256,9 @@ def test_a_link_that_is_put_there_at_the_last_moment(
     assert (tmp_path / "mine.txt").read_text() == "mine"
 
 
-def test_a_folder_in_the_place_of_a_result(
-    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_in_the_place_of_a_result(clip: Path, tmp_path: Path) -> None:
     (tmp_path / "clip.frames.csv").mkdir()
-    done = run(capsys, "run", clip, "-o", tmp_path, "--if-exists", "overwrite")
+    done = oppload("run", clip, "-o", tmp_path, "--if-exists", "overwrite")
     one_sentence(done, "clip.frames.csv: cannot be written (is a directory)")
     assert [path.name for path in tmp_path.iterdir()] == ["clip.frames.csv"]
 
@@ -322,12 +316,11 @@ def test_names_that_are_too_long(
     sentence: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Also a name that is too long only with another suffix, or with ``.stimulus.json``."""
     monkeypatch.chdir(tmp_path)
     Path(f"{LONG}.avi").touch()
-    done = run(capsys, *words)
+    done = oppload(*words)
     assert done.returncode in {2, 3}
     assert (sentence in done.stderr, "bug" in done.stderr) == (True, False), done.stderr
 

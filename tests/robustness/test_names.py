@@ -12,7 +12,7 @@ from oppload_cli.batch.plan import FAILURE_COLUMNS, Failure, read_list
 from oppload_cli.errors import printable
 from oppload_cli.files.reading import fault_of_stem
 from oppload_cli.video.inputs import result_stem
-from tests.cli.inside import run
+from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -59,11 +59,11 @@ def test_plain_names() -> None:
 
 @pytest.mark.parametrize("stem", BAD)
 def test_a_list_writes_nothing_outside_the_output_folder(
-    stem: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    stem: str, clip: Path, tmp_path: Path
 ) -> None:
     bad = listed(tmp_path / "a.csv", [(clip, stem), (tmp_path / "other.avi", "")])
     (tmp_path / "other.avi").write_bytes(clip.read_bytes())
-    done = run(capsys, "run", "--files-from", bad, "-o", tmp_path / "out", *QUICK)
+    done = oppload("run", "--files-from", bad, "-o", tmp_path / "out", *QUICK)
     assert done.returncode == 4, done.stderr  # the other row is done
     assert "a.csv: row 2: the stem '" in done.stderr
     assert f" is no plain name, as it {BAD[stem]}" in done.stderr
@@ -100,23 +100,19 @@ def test_the_stem_of_any_input_may_be_in_a_list() -> None:
     assert result_stem("a.avi", "con").startswith("a-")
 
 
-def test_a_list_with_a_field_beyond_all_bounds(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_list_with_a_field_beyond_all_bounds(tmp_path: Path) -> None:
     path = listed(tmp_path / "a.csv", [("a.avi", "x" * 140_000)])
-    done = run(capsys, "run", "--files-from", path, "-o", tmp_path / "out")
+    done = oppload("run", "--files-from", path, "-o", tmp_path / "out")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "a.csv: is not valid CSV (field larger than field limit" in done.stderr
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_name_that_is_too_long(
-    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_name_that_is_too_long(clip: Path, tmp_path: Path) -> None:
     """The name comes from the command line, a list or a sidecar."""
     long = "n" * 300
     path = listed(tmp_path / "a.csv", [(long, "x"), (clip, "y")])
-    done = run(capsys, "run", "--files-from", path, "-o", tmp_path / "out", *QUICK, "-j", "1")
+    done = oppload("run", "--files-from", path, "-o", tmp_path / "out", *QUICK, "-j", "1")
     assert (done.returncode, "bug" in done.stderr) == (4, False), done.stderr
     assert f"{long}: cannot be read (file name too long)" in done.stderr
     sidecar, table = (tmp_path / "out" / f"y.{each}" for each in ("oppload.json", "frames.csv"))
@@ -132,16 +128,16 @@ def test_a_name_that_is_too_long(
         ("run", clip, "-o", tmp_path / "out", "--scheduler", long),
         ("evaluate", long, "-o", tmp_path / "out"),
     ):
-        done = run(capsys, *command)
+        done = oppload(*command)
         assert "bug" not in done.stderr, done.stderr
         assert done.returncode in {0, 2, 4}
 
 
 def test_an_empty_name_is_no_input(
-    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = run(capsys, "run", "", "-o", tmp_path / "out")
+    done = oppload("run", "", "-o", tmp_path / "out")
     assert (done.returncode, done.stderr.count("\n")) == (3, 1)
     assert "an empty name is no input" in done.stderr
     assert not (tmp_path / "out").exists()
