@@ -222,11 +222,7 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
         ("video.avi", (), None),
         ("frames", ("--image-rate", "25", "--if-exists", "overwrite"), None),
         ("video.avi", ("--image-rate", "25", "--if-exists", "overwrite"), ignored),
-        (
-            "video.avi",
-            ("--if-exists", "skip"),
-            ignored,
-        ),  # also for a result that --if-exists skip keeps
+        ("video.avi", ("--if-exists", "skip"), ignored),  # of a result that is kept too
     ):
         done = oppload("run", tmp_path / name, *words, *more)
         assert done.returncode == 0

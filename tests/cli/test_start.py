@@ -30,15 +30,8 @@ def test_help_imports_nothing_heavy() -> None:
 def test_models_lists_every_parameter_once_defined() -> None:
     described = json.loads(oppload("models", "--json").stdout)
     names = {entry["name"] for entry in described["parameters"]["opplod"]}
-    assert {
-        "receptive_field",
-        "cell",
-        "pool_sigma",
-        "axes",
-        "periphery",
-        "threshold",
-        "gain",
-    } < names
+    known = {"receptive_field", "cell", "pool_sigma", "axes", "periphery", "threshold", "gain"}
+    assert known < names
     assert described["presets"]["paper"]["opplod"]["receptive_field"] == 200
     assert described["presets"]["default"]["alarm"]["opplod_floor"] == 0.06
     grouping = described["parameters"]["lgmd1_group"][2]
@@ -50,12 +43,11 @@ def test_models_lists_every_parameter_once_defined() -> None:
     assert "alarm.opplod_floor = 0.0008" in text
 
 
-def test_printed_settings_can_be_given_back(tmp_path: object) -> None:
+def test_printed_settings_can_be_given_back(tmp_path: Path) -> None:
     printed = oppload("config", "--preset", "paper", "--set", "opplod.gain=2").stdout
     assert "gain = 2.0  # command line" in printed
-    path = f"{tmp_path}/s.toml"
-    with open(path, "w", encoding="utf-8") as file:  # noqa: PTH123
-        file.write(printed)
+    path = tmp_path / "s.toml"
+    path.write_text(printed)
     again = oppload("config", "--config", path).stdout
     bare = [line.partition("  #")[0] for line in printed.splitlines()]
     assert [line.partition("  #")[0] for line in again.splitlines()] == bare

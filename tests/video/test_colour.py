@@ -12,7 +12,6 @@ from oppload_cli.video.colour import Colour, colour_size
 from oppload_cli.video.frames import InputFacts, Picture
 from oppload_cli.video.source import open_video
 from tests.media import grey_frames, write_video
-from tests.video.test_container import MATRICES, oriented
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -103,18 +102,6 @@ def test_grey_is_grey(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.avi", images)
     for picture, image in zip(colours(path), images, strict=True):
         np.testing.assert_array_equal(picture, np.repeat(image[:, :, None], 3, axis=2))
-
-
-@pytest.mark.parametrize("mirrored", [False, True])
-@pytest.mark.parametrize("clockwise", MATRICES)
-def test_the_orientation_is_that_of_the_display(
-    tmp_path: Path, clockwise: int, mirrored: bool
-) -> None:
-    expected = oriented(tmp_path / "a.mp4", clockwise, mirrored=mirrored)
-    with open_video(tmp_path / "a.mp4", height=None, colour=True) as video:
-        frame = next(iter(video))
-    assert frame.colour is not None
-    np.testing.assert_array_equal(frame.colour[:, :, 1] > 128, expected)
 
 
 def test_no_side_is_longer_than_1920() -> None:

@@ -21,8 +21,6 @@ from tests.media import grey_frames, write_video
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from oppload_cli.video.frames import Frame
 
 
@@ -216,29 +214,25 @@ MATRICES = {
 }
 
 
-def oriented(path: Path, clockwise: int, *, mirrored: bool) -> NDArray[np.bool_]:
-    """Write a video with a display matrix; return where the displayed picture is bright."""
-    image = np.full((48, 64), 40, np.uint8)
-    image[:16, :16] = 220  # a bright corner, left and top as coded
-    write_video(path, [image] * 3, codec="libx264", pixel_format="yuv420p")
-    terms = MATRICES[clockwise]
-    if mirrored:  # the first axis of the coded picture points the other way
-        terms = (-terms[0], -terms[1], *terms[2:])
-    turned(path, terms)
-    return np.rot90(image[:, ::-1] if mirrored else image, -clockwise // 90) > 128
-
-
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("clockwise", MATRICES)
 def test_the_orientation_is_that_of_the_display(
     tmp_path: Path, clockwise: int, mirrored: bool
 ) -> None:
-    expected = oriented(tmp_path / "a.mp4", clockwise, mirrored=mirrored)
-    with open_video(tmp_path / "a.mp4", height=None) as video:
+    image = np.full((48, 64), 40, np.uint8)
+    image[:16, :16] = 220  # a bright corner, left and top as coded
+    path = write_video(tmp_path / "a.mp4", [image] * 3, codec="libx264", pixel_format="yuv420p")
+    terms = MATRICES[clockwise]
+    if mirrored:  # the first axis of the coded picture points the other way
+        terms = (-terms[0], -terms[1], *terms[2:])
+    with open_video(turned(path, terms), height=None, colour=True) as video:
         frame = next(iter(video))
         assert (video.facts.rotation, video.facts.mirrored) == (-clockwise % 360, mirrored)
         assert (video.facts.width, video.facts.height) == (frame.luma.shape[1], frame.luma.shape[0])
-    np.testing.assert_array_equal(frame.luma > 0.5, expected)
+    bright = np.rot90(image[:, ::-1] if mirrored else image, -clockwise // 90) > 128
+    np.testing.assert_array_equal(frame.luma > 0.5, bright)
+    assert frame.colour is not None
+    np.testing.assert_array_equal(frame.colour[:, :, 1] > 128, bright)
 
 
 def test_the_width_follows_the_height(tmp_path: Path) -> None:
