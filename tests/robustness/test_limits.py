@@ -269,7 +269,7 @@ def test_every_exit_code_from_a_real_process(tmp_path: Path) -> None:
     assert in_turn(*(("run", path, *quick) for path in paths)).returncodes == [0, 2, 3, 4]
     code = (
         "import oppload_cli.pipeline.execute as task, sys\n"
-        "def broken(*_): raise ZeroDivisionError('on purpose')\n"
+        "def broken(*_, **__): raise ZeroDivisionError('on purpose')\n"
         "task.run_task = broken\n"
         "from oppload_cli.cli import main\n"
         "main(['run', sys.argv[1], '-o', sys.argv[2]])\n"
