@@ -67,7 +67,6 @@ def test_every_control_gives_no_alarm(name: str, preset: str) -> None:
 
 FAST = {  # controls with an alarm at other frame rates, as docs/time.md says
     ("reference", 24): {"translating-bar-speed/speed-80"},
-    ("default", 50): {"rotating-bar/rotation-90", "rotating-bar/rotation--90"},
     ("reference", 50): {"translating-bar-speed/speed-80"},
 }
 
