@@ -12,7 +12,7 @@ from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoRef
 
 from oppload_cli.video.frames import turned
 from oppload_cli.video.luminance import as_displayed, luminance_table
-from oppload_cli.video.planes import resized
+from oppload_cli.video.planes import convertible, resized
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,8 +89,9 @@ class Colour:
         if original is not None and not original.format.name.startswith("gray"):
             with suppress(av.error.FFmpegError, ValueError):
                 space = self._assumed(original)
+                frame = convertible(original)
                 converted = self._converter.reformat(
-                    original, *self._coded, "bgr24", space, interpolation=_EXACTLY, threads=1
+                    frame, *self._coded, "bgr24", space, interpolation=_EXACTLY, threads=1
                 )
                 return np.asarray(converted.to_ndarray(), np.uint8)
         table = np.rint(luminance_table(picture.bits, picture.full_range) * 255).astype(np.uint8)

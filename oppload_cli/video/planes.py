@@ -71,6 +71,8 @@ _LIMITED_GREY = {"h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mpeg2video", "pr
 _WITH_LUMA_PLANE = ("yuv", "gray", "nv", "p0", "p2", "p4")
 _PACKED_YUV = {"yuyv422", "uyvy422", "yvyu422"}
 _PACKED_RGB = {"bgr24": "BGR", "rgb24": "RGB", "bgra": "BGRA", "rgba": "RGBA"}
+# FFmpeg confuses the bytes of these formats when it converts them to 24 bits per pixel.
+_CONFUSED = {"rgb555be", "rgb565be", "bgr555be", "bgr565be"}
 
 
 def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
@@ -81,6 +83,7 @@ def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
     with the weights of Rec. 601. Raises ValueError or av.error.FFmpegError if the frame cannot be
     converted, for example because of a damaged colour space.
     """
+    frame = convertible(frame)
     name = frame.format.name
     if name in _PACKED_RGB:
         return _grey(frame.to_ndarray(), _PACKED_RGB[name]), 8
@@ -91,6 +94,12 @@ def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
     # P010 and similar formats use the highest bits of 16.
     bits = 16 if name.startswith("p") else frame.format.components[0].bits
     return _view(frame, bits, big_endian=name.endswith("be")), bits
+
+
+def convertible(frame: VideoFrame) -> VideoFrame:
+    """Return a frame, with its bytes swapped if FFmpeg would confuse them in a conversion."""
+    name = frame.format.name
+    return frame.reformat(format=f"{name[:-2]}le") if name in _CONFUSED else frame
 
 
 def is_full_range(frame: VideoFrame, codec: str) -> bool:

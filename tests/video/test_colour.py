@@ -84,6 +84,22 @@ def test_ten_bits_too(tmp_path: Path) -> None:
     assert np.abs(colours(path)[1].astype(int) - VERMILLION).max() <= 5
 
 
+@pytest.mark.parametrize("name", ["rgb555", "rgb565"])
+def test_two_bytes_per_pixel_in_the_order_of_quicktime(tmp_path: Path, name: str) -> None:
+    """FFmpeg confuses the bytes of these formats when it converts them to 24 bits per pixel."""
+    frame = av.VideoFrame.from_ndarray(flat(), "bgr24").reformat(format=f"{name}le")
+    swapped, path = frame.reformat(format=f"{name}be"), tmp_path / "a.mov"
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("rawvideo", rate=10)
+        stream.width, stream.height, stream.pix_fmt = swapped.width, swapped.height, f"{name}be"
+        container.mux(stream.encode(swapped))
+        container.mux(stream.encode())
+    assert np.abs(colours(path)[0].astype(int) - VERMILLION).max() <= 10  # it is dithered
+    with open_video(path, height=None) as video:
+        grey = cv2.cvtColor(flat(), cv2.COLOR_BGR2GRAY) / 255
+        np.testing.assert_allclose(next(iter(video)).luma, grey, atol=0.03)
+
+
 def test_images_and_gifs(tmp_path: Path) -> None:
     folder = tmp_path / "images"
     folder.mkdir()
