@@ -251,6 +251,9 @@ class ContainerSource:
         # Frames with concealed damage are kept, and counted as corrupt: without them the video
         # would be shorter.
         codec.flags |= Flags.output_corrupt
+        # Else decoders keep columns at the left that the stream crops: they cut only at addresses
+        # that suit the processor.
+        codec.flags |= Flags.unaligned
         try:
             codec.open(strict=False)
         except av.error.BlockingIOError:  # the system gives no further thread

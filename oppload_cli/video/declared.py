@@ -38,8 +38,10 @@ def video_streams(container: InputContainer) -> list[VideoStream]:
 def declared_rate(stream: VideoStream) -> Fraction | None:
     """Return the frames per second that a container declares; None if it declares no rate."""
     rates = [stream.average_rate, stream.guessed_rate, stream.base_rate]
-    if stream.container.format.name == "gif" and stream.guessed_rate != _GIF_TICKS:
-        rates.insert(0, stream.guessed_rate)  # FFmpeg's average is that of the first few frames
+    kind = stream.container.format.name
+    # FFmpeg's average for GIF is that of the first few frames, and for raw DV the ticks per second.
+    if kind == "dv" or (kind == "gif" and stream.guessed_rate != _GIF_TICKS):
+        rates.insert(0, stream.guessed_rate)
     if stream.container.format.flags & _NO_TIMES:  # FFmpeg assumes 25; the codec may know better
         rates.insert(0, stream.codec_context.framerate)
     ticks = _ticks_per_frame(stream)
@@ -115,10 +117,10 @@ def declared_end(container: InputContainer, stream: VideoStream) -> float | None
 
 
 def orientation_of(frame: VideoFrame) -> tuple[bool, int]:
-    """Return whether a frame must be mirrored, and its turn after that in degrees."""
+    """Return whether a frame must be mirrored, and its turn after that in degrees, to quarters."""
     # PyAV's rotation is that of the first axis, which has the opposite direction if mirrored.
     matrix: Any = frame.side_data.get("DISPLAYMATRIX")
     terms = np.zeros(9) if matrix is None else np.frombuffer(matrix, np.int32).astype(float)
     mirrored = bool(terms[0] * terms[4] < terms[1] * terms[3])
-    rotation = (int(frame.rotation) + 180 * mirrored) % 360
-    return mirrored, rotation if rotation % 90 == 0 else 0
+    quarter_turns = round(frame.rotation / 90) + 2 * mirrored
+    return mirrored, 90 * quarter_turns % 360

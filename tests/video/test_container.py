@@ -6,8 +6,10 @@ from fractions import Fraction
 from itertools import accumulate, cycle, islice
 from typing import TYPE_CHECKING, Any
 
+import av
 import numpy as np
 import pytest
+from av.bitstream import BitStreamFilterContext
 
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
@@ -47,6 +49,28 @@ def test_limited_range_is_expanded(tmp_path: Path) -> None:
     [frame] = frames_of(path, height=None)
     row = frame.luma[0]
     assert [row[0], row[20], row[40], row[60]] == pytest.approx([0, 1, 0, 110 / 219], abs=1e-7)
+
+
+@pytest.mark.parametrize("codec", ["h264", "hevc"])
+def test_columns_that_a_stream_crops_are_left_out(tmp_path: Path, codec: str) -> None:
+    """The left edge of the crop may lie at any even column."""
+    image = np.tile(np.linspace(16, 235, 128).round().astype(np.uint8), (64, 1))
+    complete, path = tmp_path / f"complete.{codec}", tmp_path / f"a.{codec}"
+    options = {"qp": "1"} if codec == "h264" else {"x265-params": "log-level=none:qp=1"}
+    encoder = {"h264": "libx264", "hevc": "libx265"}[codec]
+    write_video(complete, [image] * 3, codec=encoder, pixel_format="yuv420p", options=options)
+    with av.open(str(complete)) as whole, av.open(str(path), "w") as written:
+        stream = written.add_stream_from_template(whole.streams.video[0])
+        crop = f"{codec}_metadata=crop_left=18:crop_right=6:crop_top=4"
+        cropping = BitStreamFilterContext(crop, whole.streams.video[0], stream)
+        for packet in whole.demux(video=0):
+            for cropped in cropping.filter(packet if packet.size else None):
+                cropped.stream = stream
+                written.mux(cropped)
+    for frame in frames_of(path, height=None):
+        assert frame.luma.shape == (60, 104)
+        # The gray of the source has a full range, and becomes limited when it is encoded.
+        np.testing.assert_allclose(frame.luma[20], image[0, 18:122] / 255, atol=0.03)
 
 
 def test_rgb_becomes_grey_by_rec_601(tmp_path: Path) -> None:
@@ -102,6 +126,17 @@ def test_an_animation_has_the_rate_of_its_times_and_declares_none(
         assert float(opened.facts.frame_rate or 0) == pytest.approx(rate, rel=2e-3)
         assert opened.times.remarks() == []
     np.testing.assert_allclose(seconds, np.array(times) / 100, atol=1e-5)
+
+
+def test_raw_dv_has_the_rate_of_its_frames(tmp_path: Path) -> None:
+    """FFmpeg's average is 60000, the ticks per second."""
+    images = grey_frames(3, 720, 576)
+    path = write_video(
+        tmp_path / "a.dv", images, codec="dvvideo", pixel_format="yuv420p", rate=Fraction(25)
+    )
+    with open_video(path) as video:
+        assert [frame.time_s for frame in video] == pytest.approx([0, 0.04, 0.08])
+        assert (video.facts.frame_rate, video.times.remarks()) == (Fraction(25), [])
 
 
 def test_a_raw_stream_has_the_rate_that_its_encoder_states(tmp_path: Path) -> None:
@@ -233,6 +268,14 @@ def test_the_orientation_is_that_of_the_display(
     np.testing.assert_array_equal(frame.luma > 0.5, bright)
     assert frame.colour is not None
     np.testing.assert_array_equal(frame.colour[:, :, 1] > 128, bright)
+
+
+def test_a_turn_is_rounded_to_quarters(tmp_path: Path) -> None:
+    """Rounded terms of the matrix give 89.999 degrees, of which PyAV says 89."""
+    path = write_video(tmp_path / "a.mp4", grey_frames(2), codec="mpeg4", pixel_format="yuv420p")
+    turned(path, (1, ONE, 0, -ONE, 1, 0, 0, 0, 1 << 30))
+    with open_video(path) as video:
+        assert (video.facts.rotation, video.facts.mirrored) == (270, False)
 
 
 def test_the_width_follows_the_height(tmp_path: Path) -> None:
