@@ -85,6 +85,8 @@ def declared_frames(stream: VideoStream) -> int | None:
         return sum(not entry.is_discard for entry in entries)
     if kind == "avi":
         return _declared_by_avi(stream)
+    if kind == "mxf" and stream.time_base == 1 / (declared_rate(stream) or 1):
+        return stream.duration
     return (stream.frames or None) if kind.startswith(("mov", "gif", "apng")) else None
 
 

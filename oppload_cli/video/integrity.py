@@ -152,11 +152,22 @@ def _palette_bytes(flags: int) -> int:
 
 
 def _flv(reading: _Reading) -> str | None:
-    """Check the last tag: the file must end with the size that the tag states."""
-    (tag,) = struct.unpack(">I", reading.at(reading.size - 4, 4))
-    if not 11 <= tag <= reading.size - 4:
-        return CUT
-    return None if int.from_bytes(reading.at(reading.size - 4 - tag + 1, 3)) == tag - 11 else CUT
+    """Go through the tags; after each tag follows its size."""
+    position = int.from_bytes(reading.at(5, 4)) + 4
+    total = 0
+    head = reading.at(position, 11)
+    while head:
+        size = 11 + int.from_bytes(head[1:4])
+        total += size
+        position += size + 4
+        if len(head) < 11 or position > reading.size:
+            return CUT
+        after = reading.at(position - 4, 15)  # the size, and the head of the next tag
+        # Some programs leave out a byte or the head, or write the size of all tags so far.
+        if int.from_bytes(after[:4]) not in {size, size - 1, size - 11, total}:
+            return BROKEN
+        head = after[4:]
+    return None
 
 
 def _mjpeg(reading: _Reading) -> str | None:
@@ -179,10 +190,13 @@ def _y4m(reading: _Reading, head: int = 0) -> str | None:
     return CUT if 0 < reading.read_to < reading.size - head else None
 
 
+_NUT_INDEX = bytes.fromhex("4e58dd672f23e64e")
+
+
 def _nut(reading: _Reading) -> str | None:
-    """Check that the index, or nothing, follows the last packet."""
-    rest = reading.at(reading.read_to, 8)
-    return None if not rest or not reading.read_to or rest.startswith(b"N") else CUT
+    """Check that the file ends with its index, whose length and checksum are its last 12 bytes."""
+    length = int.from_bytes(reading.at(max(0, reading.size - 12), 8))
+    return None if reading.at(max(0, reading.size - length), 8) == _NUT_INDEX else CUT
 
 
 _LAST_PAGE = 4
@@ -192,12 +206,28 @@ def _ogg(reading: _Reading) -> str | None:
     """Go through the pages; the last page of a stream must have the flag of the end."""
     position, flags = 0, 0
     while head := reading.at(position, 27):
+        if len(head) < 27:
+            return CUT
         if not head.startswith(b"OggS"):
-            return BROKEN if len(head) == 27 else CUT
+            return BROKEN
         lengths = reading.file.read(head[26])
+        content = lengths + reading.file.read(sum(lengths))
         position += 27 + len(lengths) + sum(lengths)
+        if position > reading.size:
+            return CUT
+        if _ogg_checksum(head[:22] + bytes(4) + head[26:] + content) != head[22:26]:
+            return WRONG
         flags = head[5]
-    return None if position == reading.size and flags & _LAST_PAGE else CUT
+    return None if flags & _LAST_PAGE else CUT
+
+
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+
+
+def _ogg_checksum(page: bytes) -> bytes:
+    """Return the checksum of a page: that of zlib with the bits of each byte in reverse order."""
+    found = zlib.crc32(page.translate(_REVERSED), 0xFFFFFFFF) ^ 0xFFFFFFFF
+    return found.to_bytes(4).translate(_REVERSED)
 
 
 _DELIMITER = 2  # type of the unit (OBU) before each picture

@@ -79,7 +79,7 @@ def with_sound(path: Path, seconds: float, **video: Any) -> Path:
     return path
 
 
-@pytest.mark.parametrize("suffix", ["mp4", "mkv", "avi", "mov", "ts"])
+@pytest.mark.parametrize("suffix", ["mp4", "mkv", "avi", "mov", "ts", "nut"])
 def test_a_sound_longer_than_the_pictures_is_no_loss(tmp_path: Path, suffix: str) -> None:
     path = with_sound(tmp_path / f"a.{suffix}", 3)
     tick = {"mkv": 6e-4, "ts": 2e-5}.get(suffix, 1e-9)

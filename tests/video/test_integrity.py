@@ -96,18 +96,64 @@ def test_elements_without_a_known_length_are_walked_through(tmp_path: Path) -> N
 
 
 def test_the_last_page_of_an_ogg_file_says_so(tmp_path: Path) -> None:
+    checksums = {0: "ecb7c3c6", 2: "cfec2502", 4: "1d1cce4b"}
+
     def page(flags: int) -> bytes:
-        return b"OggS\0" + bytes([flags]) + bytes(20) + b"\x01\x03abc"
+        checksum = bytes.fromhex(checksums[flags])
+        return b"OggS\0" + bytes([flags]) + bytes(16) + checksum + b"\x01\x03abc"
 
     path = tmp_path / "a.ogv"
     for content, fault in (
         (page(2) + page(0) + page(4), None),
         (page(2) + page(0), CUT),
         (page(2) + page(4)[:-1], CUT),
+        (page(2) + page(4)[:9], CUT),
+        (page(2) + page(4)[:-1] + b"d", WRONG),
         (page(2) + page(4) + b"x" * 27, BROKEN),
     ):
         path.write_bytes(content)
         assert fault_of(str(path), "ogg") == fault
+
+
+def test_each_tag_of_flv_is_followed_by_its_size(tmp_path: Path) -> None:
+    def tag(stated: int, content: bytes = b"abc") -> bytes:
+        return b"\x09" + len(content).to_bytes(3) + bytes(7) + content + stated.to_bytes(4)
+
+    path, head = tmp_path / "a.flv", b"FLV\1\1\0\0\0\x09\0\0\0\0"
+    for content, fault in (
+        (tag(14) + tag(14), None),
+        (tag(13) + tag(3), None),  # programs that leave out a byte, or the head
+        (tag(14) + tag(28) + tag(42), None),  # the size of all tags so far
+        (tag(15) + tag(14), BROKEN),
+        (tag(14)[:-1] + b"\0" + tag(14), BROKEN),
+        (tag(14) + tag(14)[:-1], CUT),
+        (tag(14) + tag(14)[:8], CUT),
+    ):
+        path.write_bytes(head + content)
+        assert fault_of(str(path), "flv") == fault
+
+
+def test_a_nut_file_ends_with_its_index(tmp_path: Path) -> None:
+    """FFmpeg gives out the part of a frame that is left, and does not mark it as cut."""
+    path = make(tmp_path / "a.nut", Kind("nut", "huffyuv", "yuv422p"))
+    data = path.read_bytes()
+    for size, fault in ((len(data), None), (len(data) - 1, CUT), (len(data) // 2, CUT), (5, CUT)):
+        path.write_bytes(data[:size])
+        assert fault_of(str(path), "nut") == fault
+
+
+def test_frames_that_an_mxf_file_has_lost_are_missed(tmp_path: Path) -> None:
+    path = make(tmp_path / "a.mxf", Kind("mxf", "mpeg2video", rate=Fraction(25)))
+    data = bytearray(path.read_bytes())
+    picture = bytes.fromhex("060e2b34010201010d01030115010500")  # the key of a coded picture
+    places = [at for at in range(len(data)) if data.startswith(picture, at)]
+    assert len(places) == 12
+    data[places[5] : places[8]] = bytes(places[8] - places[5])
+    path.write_bytes(data)
+    with open_video(path, height=16) as video:
+        count = len(list(video))
+        assert video.facts.frames_declared == 12
+        assert video.decode.missing == 12 - count > 0
 
 
 def test_a_box_of_64_bits_is_as_long_as_it_says(tmp_path: Path) -> None:
