@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
@@ -195,6 +195,7 @@ class ContainerSource:
         if not self._remote:
             self._check_file()
         most_pixels = _decoder_limit()  # outside `try`: a wrong setting is no fault of the file
+        began_s = monotonic()
         try:
             return av.open(
                 # Without the prefix FFmpeg would take a name such as "a:b.mp4" for an address.
@@ -206,7 +207,8 @@ class ContainerSource:
         except (av.error.FFmpegError, OSError, ValueError) as error:
             advice = "check the address" if self._remote else "check the file, or convert it"
             reason = reason_of(error)
-            if isinstance(error, av.error.ExitError):  # the time limit was reached
+            # At the time limit FFmpeg gives ExitError, or for RTSP another error.
+            if self._remote and monotonic() - began_s >= _OPEN_TIMEOUT_S:
                 reason = f"no video came within {_OPEN_TIMEOUT_S:g} s"
             raise SourceError(
                 f"{self.name}: not a video that can be read ({reason}); {advice}"
@@ -325,7 +327,7 @@ class ContainerSource:
         first = next(frames, None)
         if first is None:
             reasons = "; ".join(self.decode.messages) or self._fault() or "it holds no frame"
-            remedy = "check or convert the file"
+            remedy = "check what the server sends" if self._remote else "check or convert the file"
             if self._only_once and not self._remote and "mp4" in self._container.format.name:
                 remedy = (
                     "an MP4 with its index at its end cannot be read from a pipe: give the file "
@@ -388,6 +390,7 @@ class ContainerSource:
         next_dts: int | None = None
         errors = 0
         while not self.stopping:
+            asked_s = monotonic()
             try:
                 packet = next(packets)
             except StopIteration:
@@ -395,7 +398,7 @@ class ContainerSource:
             except (av.error.FFmpegError, OSError) as error:
                 end = self._is_end_without_length(error)
                 if not end:
-                    self._count_demux_error(error)
+                    self._broke_off(reason_of(error), asked_s)
                 errors += 1
                 if end or errors > _MOST_DEMUX_ERRORS or self._remote:
                     yield None
@@ -404,6 +407,7 @@ class ContainerSource:
             else:
                 errors = 0
                 self._arrived_s = perf_counter()  # `monotonic` has steps of 16 ms on Windows
+                stalled = self._stalled(asked_s)
                 if packet.pos is not None:
                     self._read_to = max(self._read_to, packet.pos + packet.size)
                 reordered = self._stream.codec_context.has_b_frames
@@ -413,6 +417,10 @@ class ContainerSource:
                     packet.dts = max(known, default=None)
                     next_dts = None if packet.dts is None else packet.dts + 1
                 yield packet
+                if stalled:  # at the time limit FFmpeg gives out the latest packet of RTSP
+                    self._broke_off("", asked_s)
+                    yield None
+                    return
 
     def _is_end_without_length(self, error: Exception) -> bool:
         """Return whether an error is the end of an HTTP response without a stated length.
@@ -424,10 +432,14 @@ class ContainerSource:
         device_error = getattr(error, "errno", None) == errno.EIO
         return is_http and device_error and self._container.size < 0
 
-    def _count_demux_error(self, error: Exception) -> None:
-        reason = reason_of(error)
-        if isinstance(error, av.error.ExitError):  # the time limit was reached
-            reason = f"nothing came for {READ_TIMEOUT_S:g} s"
+    def _stalled(self, asked_s: float) -> bool:
+        """Return whether a packet of a stream, asked for at `asked_s`, comes too late."""
+        return self._remote and monotonic() - asked_s >= READ_TIMEOUT_S
+
+    def _broke_off(self, reason: str, asked_s: float) -> None:
+        """Count the end of a stream, or a fault of a file, in place of a packet."""
+        if self._stalled(asked_s):
+            reason = f"no picture came for {READ_TIMEOUT_S:g} s"
         self.decode.failed(f"the stream broke off ({reason})" if self._remote else reason)
 
     def _time(self, frame: VideoFrame, index: int) -> float:

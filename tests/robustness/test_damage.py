@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 from collections import Counter
+from itertools import chain, count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -294,13 +295,26 @@ def test_a_stream_that_stalls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     path = make(tmp_path / "a.ts", Kind("ts", "libx264", frames=60, options=X264))
     with Server(path, 0.6, stalls=True) as server, open_video(server.url, height=16) as video:
         assert len(list(video)) > 20
-        assert video.decode.messages == ["the stream broke off (nothing came for 0.5 s)"]
+        assert video.decode.messages == ["the stream broke off (no picture came for 0.5 s)"]
 
 
-def test_an_address_from_which_nothing_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_packet_that_comes_after_the_time_limit_is_the_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of RTSP, FFmpeg still has a packet at the time limit, and would then wait once more."""
+    path = make(tmp_path / "a.ts", Kind("ts", "mpeg2video", frames=20))
+    clock = chain([0.0] * 20, count(0.0, 12.0))
+    monkeypatch.setattr(container, "monotonic", lambda: next(clock))
+    with Server(path, 1) as server, open_video(server.url, height=16) as video:
+        assert 0 < len(list(video)) < 20
+        assert video.decode.messages == ["the stream broke off (no picture came for 10 s)"]
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "rtsp"])
+def test_an_address_from_which_nothing_comes(monkeypatch: pytest.MonkeyPatch, scheme: str) -> None:
     monkeypatch.setattr(container, "_OPEN_TIMEOUT_S", 0.05)
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        address = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(SourceError, match=r"no video came within 0.05 s\); check the address"):
             open_video(address)
 
