@@ -32,6 +32,7 @@ _SPAN = 20  # a picture's even time uses the mean interval of the latest 20 pict
 _PULL = 0.1  # share of the way by which an even time moves into the frame before the picture
 _LEAST_SHARE = 0.05  # least share of repeats among all frames for a remark
 _STILL_S = 1.0  # a camera never gives exactly the same picture for so long
+_LEAST_RANGE = 0.04  # of luminance; with a smaller range a rendered approach causes no alarm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +139,7 @@ class Repeats:
         self._shown_s = 0.0  # time at which the latest frame for the detectors was taken
         self._passed_over = False  # whether the detectors did not get the frame before
         self.exact = self.near = 0
+        self._darkest, self._brightest = 1.0, 0.0  # luminance of all frames so far
         self._frames = 0
         self._new_s = 0.0  # time of the latest frame that was not an exact repeat
         self._pictures = self._repeats = 0  # numbers of both in the cadences
@@ -160,20 +162,27 @@ class Repeats:
         return lasted_s if lasted_s >= _STILL_S else 0.0
 
     def remarks(self, frame_rate: float | None) -> list[str]:
-        """Return a sentence if all pictures are the same, or if they repeat in a cadence.
+        """Return sentences if all pictures are the same or nearly uniform, or repeat in a cadence.
 
         `frame_rate` is as for :meth:`pictures_per_s`.
         """
         if self.still_s and self.exact == self._frames - 1:
             return ["all pictures are the same, and nothing can cause an alarm; check the input"]
+        remarks = []
+        if self._brightest - self._darkest < _LEAST_RANGE and self._before_s >= _STILL_S:
+            remarks.append(
+                f"all luminance lies between {self._darkest:.3f} and {self._brightest:.3f} of 0 "
+                "(black) to 1 (white), too little contrast for an alarm; give pictures that use "
+                "more of this range"
+            )
         pictures = self.pictures_per_s(frame_rate)
-        if pictures is None or frame_rate is None:
-            return []
-        about = in_digits(float(f"{pictures:.3g}"))
-        return [
-            f"holds about {about} different pictures/s in {in_digits(frame_rate)} frames/s; the "
-            "repeats are left out"
-        ]
+        if pictures is not None and frame_rate is not None:
+            about = in_digits(float(f"{pictures:.3g}"))
+            remarks.append(
+                f"holds about {about} different pictures/s in {in_digits(frame_rate)} frames/s; "
+                "the repeats are left out"
+            )
+        return remarks
 
     def step(self, luma: Luma, time_s: float) -> Repeat:
         """Take the next frame: its luminance at the working size, 0 to 1, and its time in seconds.
@@ -181,6 +190,8 @@ class Repeats:
         The array, float32 of shape (height, width), is kept, not copied.
         """
         exact_before = self.exact
+        self._darkest = min(self._darkest, float(luma.min()))
+        self._brightest = max(self._brightest, float(luma.max()))
         repeat = self._recognised(luma, time_s)
         self.exact += repeat.kind == EXACT
         if self.exact == exact_before:

@@ -523,6 +523,18 @@ def test_a_picture_that_stands_still_gives_a_remark() -> None:
     assert frozen.remarks == []
 
 
+def test_pictures_without_contrast_give_a_remark() -> None:
+    """A thermal camera of 14 bits uses a small part of 16."""
+    raw, scaled = Analysis((180, 320)), Analysis((180, 320))
+    for picture, time_s in zip(approach(), TIMES, strict=True):
+        raw.step(7000 + 4 * picture.astype(np.uint16), time_s)
+        scaled.step(picture, time_s)
+    assert TIMES[-1] > 1
+    assert scaled.remarks == []
+    [remark] = raw.remarks
+    assert remark.startswith("all luminance lies between 0.107 and 0.120 of 0 (black) to 1 (white)")
+
+
 def test_colours_are_not_rounded_to_grey_of_8_bits() -> None:
     """Grey of 8 bits holds no step that is smaller than a code; colours do, and average to it."""
     blue = np.zeros((90, 120, 3), np.uint8)
