@@ -20,7 +20,6 @@ from oppload_cli.pipeline.execute import collected
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
 from oppload_cli.pipeline.task import IfExists, Outputs
-from oppload_cli.plots.curves import plot_curves
 from oppload_cli.report.writing import write_report
 from oppload_cli.results import reading
 from oppload_cli.results.table import TABLE, detection_line, detection_values, write_sidecar
@@ -121,6 +120,8 @@ class Result(reading.BaseResult):
         >>> axes[0].get_ylabel()
         'response / peak'
         """
+        from oppload_cli.plots.curves import plot_curves  # noqa: PLC0415 - loads matplotlib
+
         return plot_curves(self, **options)
 
     def report(self, folder: str | Path = ".", *, video: str | Path | None = None) -> Path:
