@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from fractions import Fraction
 from itertools import islice, pairwise
 from statistics import median_low
@@ -121,7 +122,10 @@ def declared_end(container: InputContainer, stream: VideoStream) -> float | None
 def orientation_of(frame: VideoFrame) -> tuple[bool, int]:
     """Return whether a frame must be mirrored, and its turn after that in degrees, to quarters."""
     # PyAV's rotation is that of the first axis, which has the opposite direction if mirrored.
-    matrix: Any = frame.side_data.get("DISPLAYMATRIX")
+    matrix: Any = None
+    # PyAV raises this error for a frame that also has data of a newer kind, such as EXIF of a JPEG.
+    with suppress(ValueError):
+        matrix = frame.side_data.get("DISPLAYMATRIX")
     terms = np.zeros(9) if matrix is None else np.frombuffer(matrix, np.int32).astype(float)
     mirrored = bool(terms[0] * terms[4] < terms[1] * terms[3])
     quarter_turns = round(frame.rotation / 90) + 2 * mirrored

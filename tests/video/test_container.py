@@ -10,6 +10,7 @@ import av
 import numpy as np
 import pytest
 from av.bitstream import BitStreamFilterContext
+from PIL import Image
 
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
@@ -268,6 +269,20 @@ def test_the_orientation_is_that_of_the_display(
     np.testing.assert_array_equal(frame.luma > 0.5, bright)
     assert frame.colour is not None
     np.testing.assert_array_equal(frame.colour[:, :, 1] > 128, bright)
+
+
+def test_jpeg_with_exif_is_turned_as_it_says(tmp_path: Path) -> None:
+    """PyAV does not know this kind of data, and fails on all data of such a frame."""
+    image = np.full((48, 64), 40, np.uint8)
+    image[:16, :16] = 220  # a bright corner
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turn it clockwise
+    with (tmp_path / "a.mjpeg").open("wb") as file:
+        for _ in range(3):
+            Image.fromarray(image).save(file, "jpeg", exif=exif.tobytes())
+    frames = frames_of(tmp_path / "a.mjpeg", height=None)
+    assert len(frames) == 3
+    np.testing.assert_array_equal(frames[0].luma > 0.5, np.rot90(image, -1) > 128)
 
 
 def test_a_turn_is_rounded_to_quarters(tmp_path: Path) -> None:
