@@ -70,6 +70,7 @@ _INDEPENDENT_SLICES = {"ffv1", "jpeg2000"}
 _QUICK_CODECS, _QUICK_PIXELS = {"h264", "mpeg4"}, 1 << 20
 _FEW_CORES = 2
 _LONGEST_ERROR = 80  # characters
+_JUMP_S = 1.0  # of the time where two transport streams were joined
 # Packets of these containers have only decode times. From them FFmpeg computes presentation times,
 # which are wrong for H.264 with B-frames or gaps. But each decoded frame also carries the decode
 # time of the last packet that it needed. These times increase by the durations of the frames.
@@ -102,6 +103,8 @@ class ContainerSource:
         self.stopping = False
         self._read_to = 0  # position of the byte after the last packet
         self._errors = 0  # number of errors that decoders have logged in this process
+        self._since_mark = 0  # packets since the latest one that FFmpeg marked as damaged
+        self._latest_s = 0.0  # decode time of the packet before
         self._remote = "://" in name
         self._only_once = self._remote or not is_file(name)  # a stream or a pipe
         self._arrived_s = 0.0  # when the latest packet came
@@ -318,6 +321,7 @@ class ContainerSource:
         stream = self._video_stream(container)
         self.decode.failures = self.decode.corrupt = 0
         self.decode.messages.clear()
+        self._since_mark = 0
         self._careful = True
         self.close()
         self._container, self._stream = container, stream
@@ -347,7 +351,7 @@ class ContainerSource:
     def _decoded(self) -> Iterator[Decoded]:
         self._errors = av.logging.get_last_error()[0]
         for packet in self._packets():
-            if packet is not None and packet.is_corrupt:
+            if self._is_damaged(packet):
                 self.decode.failed("a packet is cut or damaged")
             if self._careful:  # leave out the errors that the demuxer has logged
                 self._errors = av.logging.get_last_error()[0]
@@ -359,6 +363,29 @@ class ContainerSource:
                 luma = self._attempt(partial(_checked_luma, frame))
                 if luma is not None:
                     yield frame, *luma
+
+    def _is_damaged(self, packet: Packet[Any] | None) -> bool:
+        """Return whether FFmpeg marks this packet, or has marked an earlier one, as damaged.
+
+        Where transport streams were joined, the count of their packets jumps. For this FFmpeg marks
+        one of the last two packets before the second stream, which begins with a key frame and a
+        time of its own.
+        """
+        marked = packet is not None and packet.is_corrupt
+        if self._remote or self._container.format.name != "mpegts":
+            return marked
+        seam = False
+        if packet is not None and packet.dts is not None and packet.time_base:
+            time_s = float(packet.dts * packet.time_base)
+            seam = packet.is_keyframe and not 0 < time_s - self._latest_s < _JUMP_S
+            self._latest_s = time_s
+        decided = not packet or marked or self._since_mark == 2
+        damaged = self._since_mark > 0 and decided and not seam
+        if marked:
+            self._since_mark = 1
+        elif self._since_mark:
+            self._since_mark = 0 if seam or damaged else 2
+        return damaged
 
     def _attempt(self, decode: Callable[[], Value]) -> Value | None:
         """Return the result of a decoding step; if it fails, count a failure and return None."""
@@ -393,8 +420,8 @@ class ContainerSource:
             asked_s = monotonic()
             try:
                 packet = next(packets)
-            except StopIteration:
-                return
+            except (StopIteration, IndexError):
+                return  # IndexError comes from PyAV at the end, if a further stream began meanwhile
             except (av.error.FFmpegError, OSError) as error:
                 end = self._is_end_without_length(error)
                 if not end:

@@ -326,6 +326,51 @@ def test_a_span_keeps_the_ordinals_and_times_of_the_file(tmp_path: Path) -> None
     assert [frame.index for frame in ended] == [0, 1, 2]
 
 
+@pytest.mark.parametrize("count", range(12, 15))
+def test_joined_transport_streams_are_complete(tmp_path: Path, count: int) -> None:
+    """The count of the packets jumps, for which FFmpeg marks a packet before as damaged."""
+    paths = [tmp_path / f"{name}.ts" for name in ("a", "b")]
+    for path, frames in zip(paths, (count, 9), strict=True):
+        write_video(path, grey_frames(frames), codec="libx264", pixel_format="yuv420p")
+    data = b"".join(path.read_bytes() for path in paths)
+    joined, lacking = tmp_path / "joined.ts", tmp_path / "lacking.ts"
+    joined.write_bytes(data)
+    lacking.write_bytes(data[: 188 * 8] + data[188 * 9 :])
+    with open_video(joined) as video:
+        assert len(list(video)) == count + 9
+        assert video.decode.complete
+    with open_video(lacking) as video:
+        list(video)
+        assert not video.decode.complete
+
+
+def test_further_streams_that_begin_later_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the end of such a file PyAV looks for streams that it does not know."""
+    path = write_video(
+        tmp_path / "a.ts", grey_frames(5), codec="mpeg2video", pixel_format="yuv420p"
+    )
+
+    class Opened:
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            self._opened = opened(*arguments, **options)
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._opened, name)
+
+        def demux(self, stream: Any) -> Any:
+            yield from self._opened.demux(stream)
+            raise IndexError
+
+    opened = av.open
+    monkeypatch.setattr(av, "open", Opened)
+    source = ContainerSource(str(path))
+    assert len(list(source.pictures())) == 5
+    source.finish()
+    assert source.decode.complete
+
+
 def test_a_truncated_file_is_incomplete(tmp_path: Path) -> None:
     images = grey_frames(40, width=320, height=240)
     complete = write_video(tmp_path / "a.avi", images, codec="mpeg4", pixel_format="yuv420p")
