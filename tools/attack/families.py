@@ -20,7 +20,7 @@ from oppload_cli.batch.plan import FAILURE_COLUMNS
 from tests.robustness.inputs import Kind, make
 from tools.attack import media
 from tools.attack.judge import Case, execute, prepared
-from tools.attack.server import LIES, Server
+from tools.attack.server import CAMERA, LIES, Server
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -431,6 +431,56 @@ def servers(case: Case, random: Random, material: Material) -> None:
     case.around.append(server)
     case.words = ["run", server.url, "-o", "../out", *_QUICK]
     case.codes = frozenset({0, 3, 4})
+
+
+@_family(2)
+def cameras(case: Case, random: Random, material: Material) -> None:
+    """Network cameras that send images with and without faults, one by one."""
+    del material
+    content, faulty = b"", random.choice((0, 0.1, 0.5))
+    for index in range(random.choice((5, 30))):
+        image, kind = media.jpeg(index, mode=random.choice(("L", "RGB", "CMYK"))), b"jpeg"
+        size: int | None = len(image)
+        if random.random() < faulty:
+            image = random.choice((_damaged(image, random), b"", media.jpeg(index, 200)))
+            size = random.choice((len(image), None, 0, 9 * len(image), -1))
+            kind = random.choice((b"jpeg", b"jpeg", b"png", b"x"))
+        length = b"" if size is None else b"Content-Length: %d\r\n" % size
+        content += b"--frame\r\nContent-Type: image/" + kind + b"\r\n" + length
+        content += b"\r\n" + image + b"\r\n"
+    path = case.folder / "in" / "video.mjpg"
+    path.write_bytes(content + random.choice((b"", b"--frame--\r\n")))
+    stated = random.choice((CAMERA, CAMERA, CAMERA.replace("frame", '"frame"'), CAMERA[:25], ""))
+    lie = random.choice(("no length", "no length", "drips", ""))
+    server = Server(path, random.choice((1, 1, 0.6)), lie=lie, kind=stated)
+    case.around.append(server)
+    case.files = 2  # a short stream of images has several remarks
+    case.words = ["run", server.url, "-o", "../out", *_QUICK]
+    case.codes = frozenset({0, 3, 4})
+
+
+@_family(3)
+def surroundings(case: Case, random: Random, material: Material) -> None:
+    """Environments of services and containers: no home, closed streams, a single core."""
+    names = ("HOME", "TMPDIR", "LANG", "LC_ALL", "TERM", "COLUMNS", "NO_COLOR", "PATH")
+    values = (None, None, "", "/nowhere", "C", "0", "dumb", "\udcff")
+    case.environment = {name: random.choice(values) for name in names if random.random() < 0.4}
+    case.umask = random.choice((0o22, 0o77, 0o27))
+    case.closed = random.choice(((), (0,), (1,), (0, 1), (0, 1, 2)))
+    case.one_core = random.random() < 0.5
+    clip, seed = str(material.clip), random.choice(list(material.seeds.values()))
+    case.words = random.choice(
+        (
+            ["run", clip, "-o", "../out", *_QUICK],
+            ["run", clip, "-o", "../out", *_QUICK, "--annotate"],
+            ["run", clip, "-o", "../out", *_QUICK, "--report"],
+            ["run", clip, str(seed), "-o", "../out", *_QUICK, "--jobs", "2"],
+            ["collect", str(material.results), "-o", "../out/all.csv"],
+            ["stimuli", "generate", "controls/appearing-disk", "-o", "../out", "-q"],
+            ["info"],
+        )
+    )
+    case.files = 2
 
 
 @_family(2)

@@ -7,6 +7,7 @@ import ctypes
 import json
 import os
 import re
+import shutil
 import signal
 import stat
 import subprocess
@@ -65,6 +66,10 @@ class Case:
     # Seconds after the start, name of the signal, and whether the process group receives it.
     signals: list[tuple[float, str, bool]] = field(default_factory=list)
     stdin: bytes = b""
+    environment: dict[str, str | None] = field(default_factory=dict)  # None: without the variable
+    closed: tuple[int, ...] = ()  # numbers of standard streams that are closed
+    one_core: bool = False  # whether the command may use a single core only
+    umask: int = -1  # that of this process
     user: int = 0  # the user that runs the command; 0: the user of this process
     reads: int | None = None  # bytes after which the reader of standard output closes it
     around: list[AbstractContextManager[object]] = field(default_factory=list)  # servers, disks
@@ -115,7 +120,17 @@ def execute(case: Case) -> Ended:
         "PYTHONDONTWRITEBYTECODE": "1",
         "OPPLOAD_ATTACK": str(case.folder),
     }
+    for name, value in case.environment.items():
+        environment.pop(name, None)
+        if value is not None:
+            environment[name] = value
     prefix = []
+    if case.closed:
+        ends = " ".join(f"{number}>&-" for number in case.closed)
+        prefix += ["/bin/sh", "-c", f'exec "$@" {ends}', "sh"]
+    if case.one_core:
+        core = min(os.sched_getaffinity(0))
+        prefix += [str(shutil.which("taskset")), "--cpu-list", str(core)]
     if case.user:  # another user who may read all files, like root
         rights = "+dac_override,+dac_read_search"
         prefix += ["setpriv", f"--reuid={case.user}", f"--regid={case.user}", "--clear-groups"]
@@ -131,6 +146,7 @@ def execute(case: Case) -> Ended:
         stderr=subprocess.PIPE,
         cwd=case.folder / "in",
         env=environment,
+        umask=case.umask,
         start_new_session=True,
     )
     with ThreadPoolExecutor(2) as readers:  # of pipes: a limit of file sizes would stop files

@@ -15,6 +15,7 @@ LIES = (
     *("longer", "shorter", "no length", "no number", "missing", "broken", "gzip", "page"),
     *("circle", "elsewhere", "ranges", "drips", "no answer", "long head"),
 )
+CAMERA = "multipart/x-mixed-replace; boundary=frame"  # the type of images that a camera sends
 _PAGE = b"<!doctype html><title>404</title><p>not here"
 
 
@@ -22,23 +23,26 @@ class Server(ThreadingHTTPServer):
     """Serves one file.
 
     The server sends a share of the file, 0 to 1. If it `stalls`, the connection then stays open,
-    as if more would come. `lie` is one of `LIES`, or empty.
+    as if more would come. `lie` is one of `LIES`, or empty; `kind` is the type of the content.
     """
 
     daemon_threads = True
 
-    def __init__(self, path: Path, share: float, *, stalls: bool = False, lie: str = "") -> None:
+    def __init__(
+        self, path: Path, share: float, *, stalls: bool = False, lie: str = "", kind: str = ""
+    ) -> None:
         over = self._over = threading.Event()
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
                 data = path.read_bytes()
                 with suppress(OSError):
-                    if not _answer(self, data, lie):
+                    if not _answer(self, data, lie, kind):
                         return
                     if lie == "drips":
-                        for byte in data[: int(share * len(data))]:
-                            self.wfile.write(bytes([byte]))
+                        size = 1 + len(data) // 2000
+                        for start in range(0, int(share * len(data)), size):
+                            self.wfile.write(data[start : start + size])
                             if over.wait(0.002):
                                 return
                     else:
@@ -65,7 +69,7 @@ class Server(ThreadingHTTPServer):
         self.server_close()
 
 
-def _answer(handler: BaseHTTPRequestHandler, data: bytes, lie: str) -> bool:
+def _answer(handler: BaseHTTPRequestHandler, data: bytes, lie: str, kind: str) -> bool:
     """Send the head of an answer; return whether the content of the file follows."""
     if lie == "no answer":
         handler.close_connection = True
@@ -86,6 +90,8 @@ def _answer(handler: BaseHTTPRequestHandler, data: bytes, lie: str) -> bool:
     handler.send_response(206 if lie == "ranges" else 200)
     if lie == "ranges":
         handler.send_header("Content-Range", f"bytes {size}-{size * 9}/{size // 3}")
+    if kind:
+        handler.send_header("Content-Type", kind)
     if lie == "gzip":
         handler.send_header("Content-Encoding", "gzip")
     if lie == "long head":
