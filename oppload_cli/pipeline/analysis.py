@@ -162,10 +162,19 @@ class Analysis:
 
     def _step(self, values: NDArray[Any], time_s: float) -> FrameRecord:
         count = self._detectors.count
-        if values.shape not in {self._shape, (*self._shape, 3)}:
+        shape, (rows, columns) = self._shape, self._shape
+        if values.shape not in {shape, (*shape, 3)}:
+            remedies = {
+                (*shape, 1): "give frame[..., 0]",
+                (*shape, 2): "give the luma, which is frame[..., 0] of YUYV",
+                (*shape, 4): "give frame[..., :3]",
+                (3, *shape): "give frame.transpose(1, 2, 0)",
+                (rows * 3 // 2, columns): f"give the luma, which is frame[:{rows}] of NV12 or I420",
+            }
+            another_size = "make another Analysis for frames of another size"
             raise FrameError(
-                f"frame {count}: a frame must be of shape {self._shape}, with or without "
-                f"an axis of 3 colours, not of shape {values.shape}"
+                f"frame {count}: a frame must be of shape {shape}, with or without an axis of 3 "
+                f"colours, not of shape {values.shape}; {remedies.get(values.shape, another_size)}"
             )
         given: object = time_s  # a caller may give None, in spite of the type
         # NumPy takes its durations for integers, but they are no numbers of seconds.
