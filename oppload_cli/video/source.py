@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
 
 _DEFAULT_HEIGHT = 240
+_DEVICE = re.compile("/dev/video([0-9]+)")  # of a camera on Linux, also at the end of a link
 
 
 class Video:
@@ -202,6 +205,9 @@ def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
 
 def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSource:
     """Return the source of an input's pictures; arguments and errors as for :func:`open_video`."""
+    device = _DEVICE.fullmatch(os.path.realpath(name)) if name.startswith("/dev/") else None
+    if device:
+        raise SourceError(f"{name}: is the device of a camera; write camera:{device[1]}")
     # Each kind of input needs other libraries: Pillow and OpenCV, or PyAV. Import no others.
     camera, path = is_camera(name), Path(name)
     pattern = NUMBER.search(path.name) and not is_there(name)

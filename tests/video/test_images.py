@@ -404,6 +404,7 @@ def test_a_file_with_the_name_of_a_camera_is_given_with_its_folder(
         ("camera:x", "not the name of a camera"),
         ("camera:²", "not the name of a camera"),
         ("camera:1", "gives no picture"),
+        ("/dev/video2", "is the device of a camera; write camera:2"),
     ],
 )
 def test_a_camera_that_is_not_there(
