@@ -38,7 +38,7 @@ from oppload_cli.video.frames import (
     too_large,
     turned,
 )
-from oppload_cli.video.integrity import fault_of
+from oppload_cli.video.integrity import CUT, fault_of
 from oppload_cli.video.planes import is_full_range, is_transparent, luma_plane
 
 if TYPE_CHECKING:
@@ -213,6 +213,8 @@ class ContainerSource:
             # At the time limit FFmpeg gives ExitError, or for RTSP another error.
             if self._remote and monotonic() - began_s >= _OPEN_TIMEOUT_S:
                 reason = f"no video came within {_OPEN_TIMEOUT_S:g} s"
+            elif "moov atom not found" in str(getattr(error, "log", None)):
+                reason = "it lacks the index of an MP4, as after an unfinished recording or copy"
             raise SourceError(
                 f"{self.name}: not a video that can be read ({reason}); {advice}"
             ) from error
@@ -233,6 +235,10 @@ class ContainerSource:
             raise SourceError(f"{self.name}: only names other files; give those files instead")
         streams = video_streams(container)
         if not streams:
+            if not self._only_once and fault_of(self.name, container.format.name) == CUT:
+                raise SourceError(
+                    f"{self.name}: {CUT}, before its pictures; copy or record it again"
+                )
             raise SourceError(f"{self.name}: holds no video stream; give a file with pictures")
         # PyAV's type stubs promise a codec, but a stream with an unknown codec has none.
         codec: Any = streams[0].codec_context

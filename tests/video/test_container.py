@@ -504,6 +504,21 @@ def test_the_error_names_a_file_that_is_no_video(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("bytes_of_index", "message"),
+    [
+        (0, r"lacks the index of an MP4, as after an unfinished recording"),
+        (200, r"a.mp4: the file ends too early, before its pictures; copy or record it again"),
+    ],
+)
+def test_a_recording_without_its_index(tmp_path: Path, bytes_of_index: int, message: str) -> None:
+    path = write_video(tmp_path / "a.mp4", grey_frames(5), codec="mpeg4", pixel_format="yuv420p")
+    data = path.read_bytes()
+    path.write_bytes(data[: data.index(b"moov") - 4 + bytes_of_index])
+    with pytest.raises(SourceError, match=message):
+        open_video(path)
+
+
 def test_a_video_that_is_closed_in_the_middle_does_not_look_complete(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.avi", grey_frames(40))
     video = open_video(path)
