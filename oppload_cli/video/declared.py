@@ -120,7 +120,7 @@ def declared_end(container: InputContainer, stream: VideoStream) -> float | None
 
 
 def orientation_of(frame: VideoFrame) -> tuple[bool, int]:
-    """Return whether a frame must be mirrored, and its turn after that in degrees, to quarters."""
+    """Return whether a frame must be mirrored, and its turn after that in degrees."""
     # PyAV's rotation is that of the first axis, which has the opposite direction if mirrored.
     matrix: Any = None
     # PyAV raises this error for a frame that also has data of a newer kind, such as EXIF of a JPEG.
@@ -128,5 +128,6 @@ def orientation_of(frame: VideoFrame) -> tuple[bool, int]:
         matrix = frame.side_data.get("DISPLAYMATRIX")
     terms = np.zeros(9) if matrix is None else np.frombuffer(matrix, np.int32).astype(float)
     mirrored = bool(terms[0] * terms[4] < terms[1] * terms[3])
-    quarter_turns = round(frame.rotation / 90) + 2 * mirrored
-    return mirrored, 90 * quarter_turns % 360
+    nearest = 90 * round(frame.rotation / 90)
+    is_quarter = abs(frame.rotation - nearest) <= 1  # PyAV says 89 for 89.99
+    return mirrored, (nearest + 180 * mirrored) % 360 if is_quarter else 0
