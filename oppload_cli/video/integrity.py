@@ -10,6 +10,7 @@ import errno
 import os
 import struct
 import zlib
+from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 CUT = "the file ends too early"
 WRONG = "a checksum of the file is wrong"
 BROKEN = "the structure of the file is damaged"
+FURTHER = "a further video begins after the end of the first one, and is not read"
 _PIECE = 1 << 20  # bytes that are read at a time
 MOST_PARTS = 2_000_000  # read in some seconds; hours of video have fewer parts
 
@@ -110,17 +112,24 @@ def _wrong_checksum(reading: _Reading, position: int, length: int) -> bool:
 
 
 def _boxes(reading: _Reading) -> str | None:
-    """Go through the boxes of MP4 and MOV; the data of a fragment must follow its index."""
+    """Go through the boxes of MP4 and MOV; the data of a fragment must follow its index.
+
+    A file without fragments has one index (moov), unless two files were joined.
+    """
     position, kind = 0, b""
+    kinds: Counter[bytes] = Counter()
     while position + 8 <= reading.size:
         head = reading.at(position, 16)
         length, kind = int.from_bytes(head[:4]), head[4:8]
+        kinds[kind] += 1
         if length == 1:
             length = int.from_bytes(head[8:16])
         if length == 0 or not kind.isalnum():
             return None  # the box reaches to the end of the file, or it is no box
         position += max(length, 8)
-    return CUT if position > reading.size or kind == b"moof" else None
+    if position > reading.size or kind == b"moof":
+        return CUT
+    return FURTHER if kinds[b"moov"] > 1 and not kinds[b"moof"] else None
 
 
 def _gif(reading: _Reading) -> str | None:
@@ -293,11 +302,20 @@ def _transport_stream(reading: _Reading) -> str | None:
     if (reading.size - start) % step:
         return CUT
     last: int | None = None
+    earlier: set[int] = set()  # other videos that begin before the end of the first one
+    later: set[int] = set()
     for packets in _pieces(reading, start, mark, step):
         head = packets[:, :6].astype(np.int64)
         if (head[:, 0] != _TS_MARK).any() or (head[:, 1] & _HAS_ERROR).any():
             return BROKEN
-        video = ((head[:, 1] & 0x1F) << 8 | head[:, 2]) == reading.stream
+        stream = (head[:, 1] & 0x1F) << 8 | head[:, 2]
+        video = stream == reading.stream
+        if video.any():
+            end = np.flatnonzero(video)[-1] + 1
+            earlier |= later | _videos_that_begin(packets[:end], stream[:end])
+            later = _videos_that_begin(packets[end:], stream[end:])
+        else:
+            later |= _videos_that_begin(packets, stream)
         head = head[video]
         if _prefix_missing(packets[video], head):
             return BROKEN
@@ -306,7 +324,17 @@ def _transport_stream(reading: _Reading) -> str | None:
             if _packets_missing(counted, last):
                 return BROKEN
             last = int(counted[-1, 3]) & 15
-    return None
+    return FURTHER if later - earlier else None
+
+
+def _videos_that_begin(packets: NDArray[np.uint8], stream: NDArray[np.int64]) -> set[int]:
+    """Return the streams of which a packet begins with the head of a picture."""
+    adapted = (packets[:, 3] & _HAS_ADAPTATION) != 0
+    first = np.where(adapted, 5 + packets[:, 4].astype(np.int64), 4)
+    begins = np.flatnonzero(((packets[:, 1] & _BEGINS_PICTURE) != 0) & (first <= _TS_BYTES - 4))
+    prefix = packets[begins[:, None], first[begins, None] + np.arange(4)]
+    is_video = (prefix[:, :3] == (0, 0, 1)).all(axis=1) & (prefix[:, 3] & 0xF0 == 0xE0)
+    return set(map(int, stream[begins[is_video]]))
 
 
 def _prefix_missing(packets: NDArray[np.uint8], head: NDArray[np.int64]) -> bool:

@@ -18,6 +18,7 @@ from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import MAX_PIXELS
 from oppload_cli.video.inputs import Span, parse_position
+from oppload_cli.video.integrity import FURTHER
 from oppload_cli.video.source import open_video
 from tests.media import grey_frames, write_video
 
@@ -341,6 +342,24 @@ def test_joined_transport_streams_are_complete(tmp_path: Path, count: int) -> No
         assert video.decode.complete
     with open_video(lacking) as video:
         list(video)
+        assert not video.decode.complete
+
+
+@pytest.mark.parametrize(
+    ("suffix", "options"), [("ts", {"mpegts_start_pid": "0x200"}), ("mp4", {}), ("mov", {})]
+)
+def test_joined_files_of_which_only_the_first_is_read(
+    tmp_path: Path, suffix: str, options: dict[str, str]
+) -> None:
+    paths = [tmp_path / f"{name}.{suffix}" for name in ("a", "b")]
+    for path, more in zip(paths, ({}, options), strict=True):
+        images = grey_frames(9)
+        write_video(path, images, codec="mpeg4", pixel_format="yuv420p", container=more)
+    joined = tmp_path / f"joined.{suffix}"
+    joined.write_bytes(b"".join(path.read_bytes() for path in paths))
+    with open_video(joined) as video:
+        assert len(list(video)) == 9
+        assert video.decode.messages == [FURTHER]
         assert not video.decode.complete
 
 
