@@ -98,6 +98,8 @@ class Prefetch(Generic[Item]):
                 item = self._made.get(timeout=POLL_S)
                 break
             except queue.Empty:
+                if self._end:  # closed meanwhile by another thread
+                    raise self._end from None
                 stop_if_asked()
         if isinstance(item, _End):
             self._end = self._end or StopIteration()

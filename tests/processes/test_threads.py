@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import SourceError
+from oppload_cli.processes import threads
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.processes.threads import _close_all as before_exit
 
@@ -45,6 +46,36 @@ def test_closing_early_joins_the_thread() -> None:
     items.close()
     items.close()
     assert threading.active_count() == before
+
+
+def test_a_waiting_caller_gets_the_end_although_the_thread_still_waits_for_a_device(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(threads, "_JOIN_WITHIN_S", 0.01)
+    answer, waits = threading.Event(), threading.Event()
+    errors: list[SourceError] = []
+
+    def items() -> Iterator[int]:
+        waits.set()
+        answer.wait()
+        yield 1
+
+    def call() -> None:
+        try:
+            next(ahead)
+        except SourceError as error:
+            errors.append(error)
+
+    ahead = Prefetch(items())
+    caller = threading.Thread(target=call)
+    caller.start()
+    assert waits.wait(10)
+    caller.join(0.2)  # by now it waits for the first item
+    closed = SourceError("closed")
+    assert not ahead.close(closed)
+    caller.join(5)
+    assert errors == [closed]
+    answer.set()
 
 
 def test_at_the_exit_a_daemon_thread_does_not_take_its_items_for_complete() -> None:
