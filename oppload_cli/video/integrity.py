@@ -166,6 +166,8 @@ def _flv(reading: _Reading) -> str | None:
     total = 0
     head = reading.at(position, 11)
     while head:
+        if head.startswith(b"FLV"):
+            return FURTHER
         size = 11 + int.from_bytes(head[1:4])
         total += size
         position += size + 4

@@ -346,15 +346,21 @@ def test_joined_transport_streams_are_complete(tmp_path: Path, count: int) -> No
 
 
 @pytest.mark.parametrize(
-    ("suffix", "options"), [("ts", {"mpegts_start_pid": "0x200"}), ("mp4", {}), ("mov", {})]
+    ("suffix", "codec", "options"),
+    [
+        ("ts", "mpeg4", {"mpegts_start_pid": "0x200"}),
+        ("mp4", "mpeg4", {}),
+        ("mov", "mpeg4", {}),
+        ("flv", "flv", {}),
+    ],
 )
 def test_joined_files_of_which_only_the_first_is_read(
-    tmp_path: Path, suffix: str, options: dict[str, str]
+    tmp_path: Path, suffix: str, codec: str, options: dict[str, str]
 ) -> None:
     paths = [tmp_path / f"{name}.{suffix}" for name in ("a", "b")]
     for path, more in zip(paths, ({}, options), strict=True):
         images = grey_frames(9)
-        write_video(path, images, codec="mpeg4", pixel_format="yuv420p", container=more)
+        write_video(path, images, codec=codec, pixel_format="yuv420p", container=more)
     joined = tmp_path / f"joined.{suffix}"
     joined.write_bytes(b"".join(path.read_bytes() for path in paths))
     with open_video(joined) as video:
