@@ -11,10 +11,10 @@ import pytest
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
+from oppload_cli.evaluation.manifest import clips_of
 from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
-from oppload_cli.evaluation.stimuli import clips_of
 from oppload_cli.models.detector import Box
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
