@@ -59,19 +59,14 @@ def evaluate(
     *,
     jobs: int = 1,
     draws: int = DRAWS,
-    progress: Callable[[], object] | None = None,
+    progress: Callable[[int], object] | None = None,
 ) -> Evaluation:
     """Run detectors over the clips of a manifest, and measure them.
 
     `jobs` is the number of processes, which does not change the result; `draws` is the number of
-    draws of the bootstrap. `progress` is called after each clip.
-
-    Raises
-    ------
-    SourceError
-        If no clip can be used.
-    OutputError
-        If the system ends one of the processes, for example because memory runs out.
+    draws of the bootstrap. `progress` takes the number of clips that are done since its last call.
+    Raises SourceError if no clip can be used, and OutputError if the system ends one of the
+    processes, for example because memory runs out.
     """
     faults = list(manifest.faults)
     entries, clips = [], []
@@ -111,23 +106,17 @@ def analyse_clips(
     detectors: Sequence[EvaluatedDetector],
     *,
     jobs: int = 1,
-    progress: Callable[[], object] | None = None,
+    progress: Callable[[int], object] | None = None,
 ) -> list[_Analysed]:
     """Run detectors over clips; arguments and OutputError are those of `evaluate`."""
     videos = [list(of_one) for _, of_one in groupby(entries, attrgetter("path"))]
     threads = 1 if min(jobs, len(videos)) > 1 else 0  # of each decoder
-
-    def count(analysed: list[_Analysed]) -> None:
-        for _ in analysed:
-            if progress:
-                progress()
-
     analysed = results(
         partial(_analyse_video, detectors=detectors, threads=threads),
         videos,
         jobs,
         named=lambda video: video[0].label.name,
-        progress=count,
+        progress=lambda done: progress(len(done)) if progress else None,
     )
     return list(chain.from_iterable(analysed))
 
@@ -252,17 +241,17 @@ def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetect
 def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Output:
     name = detector.detector
     found = [record.responses.get(name) for record in records]
-    response = _with_zeros(_numbers(None if each is None else each.response for each in found))
+    response = _with_zeros(np.array([each and each.response for each in found], float))
     alarm = None
     if detector.alarm.on:
         alarm = np.array([record.alarms.get(name, False) for record in records], bool)
     if not detector_named(name).places:
         return Output(response, response, alarm)
     objects = [record.objects.get(name) for record in records]
-    contact_s = _numbers(each and each.time_to_contact_s for each in objects)
+    contact_s = np.array([each and each.time_to_contact_s for each in objects], float)
     return Output(
         response,
-        _numbers(map(detector.alarm.evidence, response, contact_s)),
+        np.array([*map(detector.alarm.evidence, response, contact_s)], float),
         alarm,
         _boxes(None if each is None else each.box for each in found),
         _boxes(each and each.box for each in objects),
@@ -271,17 +260,13 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
 
 
 def _boxes(boxes: Iterable[Box | None]) -> Numbers:
-    return np.array([[np.nan] * 4 if box is None else [*box] for box in boxes], float)
+    return np.array([box or [None] * 4 for box in boxes], float)
 
 
 def _with_zeros(response: Numbers) -> Numbers:
     """Replace each missing response after the first response by 0."""
     known = ~np.isnan(response)
     return np.where(known | ~np.logical_or.accumulate(known), response, 0.0)
-
-
-def _numbers(values: Iterable[float | None]) -> Numbers:
-    return np.array([np.nan if value is None else value for value in values], float)
 
 
 class _Reader:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,14 +19,15 @@ from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from cv2.typing import MatLike
 
     from oppload_cli.evaluation.evaluate import Evaluation
-    from oppload_cli.evaluation.metrics.clips import Clip
-    from oppload_cli.models.detector import Box
+    from oppload_cli.evaluation.metrics.clips import Clip, Numbers
     from oppload_cli.stimulus.protocol import Protocol
+
+    _Moment = tuple[int, int]  # the position of a clip, and a frame of it
 
 
 _MOST = 4  # number of misses, and of false alarms, that the page shows for each detector
@@ -204,7 +204,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
     return rendered(
         "evaluation.html",
         report=report,
-        plots=[(embedded(plots[name]), plot.caption) for name, plot in PLOTS.items()],
+        plots=[(embedded(plots[name]), caption) for name, (caption, _) in PLOTS.items()],
         stills=list(_stills(evaluation)),
         headline=_HEADLINE,
         allowed=int(minutes),
@@ -236,57 +236,41 @@ def number(value: float | None) -> str:
     return f"{value:.3g}" if abs(value) >= 0.995 else f"{value:.2g}"
 
 
-class _Still(NamedTuple):
-    """A frame that the page shows, with the evidence over its clip."""
-
-    clip: Clip
-    frame: int
-    picture: str | None  # its address; None if the frame could not be decoded again
-    label: Box | None
-    winner: tuple[float, ...] | None  # the winning unit's receptive field, in source pixels
-    strip: _Strip
-    time: str  # before contact, or the kind of motion
-    evidence: str
-
-
-def _stills(evaluation: Evaluation) -> Iterator[tuple[str, list[_Still]]]:
+def _stills(evaluation: Evaluation) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield titles with stills, for each detector with units: misses, then false alarms."""
-    moments = [
-        moment
+    groups = [
+        (f"{title}: {label_of(name)}", name, moments)
         for name in evaluation.performances
         if any(clip.outputs[name].winner is not None for clip in evaluation.clips)
-        for moment in _worst_of(evaluation, name)
+        for title, moments in _worst_of(evaluation, name).items()
+        if moments
     ]
-    pictures = _pictures(evaluation, moments)
-    for (detector, missed), group in groupby(
-        moments, key=lambda each: (each.detector, each.missed)
-    ):
-        title = "Worst misses" if missed else "Largest evidence without an approach"
-        yield (
-            f"{title}: {label_of(detector)}",
-            [
-                _still(evaluation.clips[each.clip], each, pictures.get((each.clip, each.frame)))
-                for each in group
-            ],
-        )
+    pictures = _pictures(evaluation, {each for *_, moments in groups for each in moments})
+    for title, name, moments in groups:
+        yield title, [_still(evaluation, name, each, pictures.get(each)) for each in moments]
 
 
-def _still(clip: Clip, moment: _Moment, picture: bytes | None) -> _Still:
-    output = clip.outputs[moment.detector]
-    evidence, threshold = float(output.evidence[moment.frame]), moment.threshold
+def _still(
+    evaluation: Evaluation, name: str, moment: _Moment, picture: bytes | None
+) -> dict[str, Any]:
+    """Return a frame that the page shows, with the evidence over its clip, for the template."""
+    clip, frame = evaluation.clips[moment[0]], moment[1]
+    output, threshold = clip.outputs[name], _threshold_of(evaluation, name)
+    evidence = float(output.evidence[frame])
     multiple = f"{number(evidence / threshold)} times the threshold" if threshold > 0 else ""
-    winner = None if output.winner is None else output.winner[moment.frame]
-    lead = f"{number(clip.lead(moment.frame))} s before contact"
-    return _Still(
-        clip,
-        moment.frame,
-        None if picture is None else embedded(picture, "jpeg"),
-        clip.label.boxes.get(moment.frame),
-        None if winner is None or not np.isfinite(winner).all() else tuple(map(float, winner)),
-        _strip(clip, moment),
-        lead if moment.missed else clip.label.kind,
-        multiple or number(evidence),
-    )
+    winner = None if output.winner is None else output.winner[frame]
+    in_approach = frame >= clip.approach[0]
+    return {
+        "clip": clip,
+        "frame": frame,
+        # None if the frame could not be decoded again.
+        "picture": None if picture is None else embedded(picture, "jpeg"),
+        "label": clip.label.boxes.get(frame),
+        "winner": winner.tolist() if winner is not None and np.isfinite(winner).all() else None,
+        "strip": _strip(clip, np.nan_to_num(output.evidence), threshold, frame),
+        "time": f"{number(clip.lead(frame))} s before contact" if in_approach else clip.label.kind,
+        "evidence": multiple or number(evidence),
+    }
 
 
 def _by_measure(figures: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
@@ -304,49 +288,45 @@ def _parameters(detector: Mapping[str, Any]) -> dict[str, Any]:
     return {"working height": detector["height"], **detector["parameters"], **alarm}
 
 
-class _Moment(NamedTuple):
-    """A frame in which a detector was wrong: in a missed approach, or at its largest evidence."""
-
-    clip: int  # its position
-    frame: int
-    detector: str
-    threshold: float  # that gives the detector 1 false alarm per minute
-    missed: bool
+def _threshold_of(evaluation: Evaluation, name: str) -> float:
+    """Return the threshold that gives a detector 1 false alarm per minute."""
+    return float(evaluation.performances[name].decisions[AT_ONE].thresholds[0])
 
 
-def _worst_of(evaluation: Evaluation, name: str) -> Iterator[_Moment]:
-    """Yield the worst moments of a detector: at most four misses, then at most four false alarms.
+def _worst_of(evaluation: Evaluation, name: str) -> dict[str, list[_Moment]]:
+    """Return the worst moments of a detector by title: at most four misses and four false alarms.
 
     The frame of a miss has the largest evidence of the approach; the miss with the smallest such
     evidence comes first. The frame of a false alarm has the largest evidence of the clip's footage
     without an approach; the largest comes first.
     """
-    decision = evaluation.performances[name].decisions[AT_ONE]
-    threshold = float(decision.thresholds[0])
 
-    def peak(index: int, start: int, stop: int) -> tuple[float, int, int]:
+    def peak(index: int, start: int, stop: int) -> tuple[float, _Moment]:
         evidence = evaluation.clips[index].outputs[name].evidence
         frame = start + int(evidence[start:stop].argmax())
-        return float(evidence[frame]), index, frame
+        return float(evidence[frame]), (index, frame)
 
-    misses = map(int, np.flatnonzero(decision.outcomes.detected == 0))
+    detected = evaluation.performances[name].decisions[AT_ONE].outcomes.detected
+    misses = map(int, np.flatnonzero(detected == 0))
     missed = sorted(peak(index, *evaluation.clips[index].approach) for index in misses)
-    for _, index, frame in missed[:_MOST]:
-        yield _Moment(index, frame, name, threshold, missed=True)
     spans = [(index, *clip.quiet) for index, clip in enumerate(evaluation.clips)]
     largest = [peak(index, start, stop) for index, start, stop in spans if start < stop]
-    for evidence, index, frame in sorted(largest, key=lambda each: (-each[0], each[1]))[:_MOST]:
-        if evidence > 0:
-            yield _Moment(index, frame, name, threshold, missed=False)
-
-
-def _pictures(evaluation: Evaluation, moments: Sequence[_Moment]) -> dict[tuple[int, int], bytes]:
-    """Return grey JPEGs by clip and frame, without frames that cannot be decoded again."""
+    largest.sort(key=lambda each: (-each[0], each[1]))
     return {
-        (clip, frame): jpeg
-        for clip in sorted({each.clip for each in moments})
+        "Worst misses": [moment for _, moment in missed[:_MOST]],
+        "Largest evidence without an approach": [
+            moment for evidence, moment in largest[:_MOST] if evidence > 0
+        ],
+    }
+
+
+def _pictures(evaluation: Evaluation, moments: Collection[_Moment]) -> dict[_Moment, bytes]:
+    """Return grey JPEGs by moment, without frames that cannot be decoded again."""
+    return {
+        (index, frame): jpeg
+        for index in sorted({index for index, _ in moments})
         for frame, jpeg in _frames(
-            evaluation.entries[clip].path, {each.frame for each in moments if each.clip == clip}
+            evaluation.entries[index].path, {frame for at, frame in moments if at == index}
         )
     }
 
@@ -372,23 +352,13 @@ def _jpeg(grey: MatLike) -> bytes:
     return data.tobytes()
 
 
-class _Strip(NamedTuple):
-    """Coordinates for a drawing of a detector's evidence over a clip, of `_WIDTH` x `_HEIGHT`."""
+def _strip(clip: Clip, evidence: Numbers, threshold: float, shown: int) -> dict[str, Any]:
+    """Return the coordinates of a drawing of `_WIDTH` x `_HEIGHT`: the evidence over a clip.
 
-    approach: tuple[float, float] | None  # left edge and width
-    points: list[tuple[float, float]]  # the evidence (x, y)
-    threshold: float | None  # its height
-    now: float  # x of the frame shown
-
-
-def _strip(clip: Clip, moment: _Moment) -> _Strip:
-    """Return the strip of a complete clip; evidence above three times the threshold is cut off.
-
-    In a clip with more than `2 * _WIDTH` frames, a point stands for the largest of several frames.
+    Evidence above three times the threshold is cut off. In a clip with more than `2 * _WIDTH`
+    frames, a point stands for the largest of several frames. The frame `shown` is marked.
     """
-    evidence = np.nan_to_num(clip.outputs[moment.detector].evidence)
     top = float(evidence.max()) or 1.0
-    threshold = moment.threshold
     if threshold > 0:
         top = min(max(top, 1.2 * threshold), _HIGHEST * threshold)
     frame_width = _WIDTH / len(clip)
@@ -399,10 +369,11 @@ def _strip(clip: Clip, moment: _Moment) -> _Strip:
 
     step = max(1, math.ceil(len(evidence) / (2 * _WIDTH)))
     firsts = range(0, len(evidence), step)
-    shown = [first + int(evidence[first : first + step].argmax()) for first in firsts]
-    return _Strip(
-        (start * frame_width, (stop - start) * frame_width) if stop > start else None,
-        [((frame + 0.5) * frame_width, y(float(evidence[frame]))) for frame in shown],
-        None if math.isnan(threshold) else y(threshold),
-        (moment.frame + 0.5) * frame_width,
-    )
+    frames = [first + int(evidence[first : first + step].argmax()) for first in firsts]
+    approach = (start * frame_width, (stop - start) * frame_width)  # left edge and width
+    return {
+        "approach": approach if stop > start else None,
+        "points": [((frame + 0.5) * frame_width, y(float(evidence[frame]))) for frame in frames],
+        "threshold": None if math.isnan(threshold) else y(threshold),
+        "now": (shown + 0.5) * frame_width,
+    }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -196,28 +196,24 @@ def _say_if_empty(axes: Axes, words: str) -> None:
         axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", color=FAINT, bbox=ground)
 
 
-class _Plot(NamedTuple):
-    caption: str
-    draw: Callable[[Axes, Performances], None]
-
-
-PLOTS = {
-    "detection.png": _Plot(
+# By file name, the caption of each plot and the function that draws it.
+PLOTS: dict[str, tuple[str, Callable[[Axes, Performances], None]]] = {
+    "detection.png": (
         "Detection rate over false alarms per minute, for every fixed threshold; dotted: the rates "
         "of the tables.",
         _detection,
     ),
-    "roc.png": _Plot("ROC curve of one-second windows; area in brackets.", _roc),
-    "precision-recall.png": _Plot(
+    "roc.png": ("ROC curve of one-second windows; area in brackets.", _roc),
+    "precision-recall.png": (
         "Precision over recall, of the same windows; average precision in brackets.",
         _precision_recall,
     ),
-    "within-clip.png": _Plot(
+    "within-clip.png": (
         "Correctly ordered pairs of windows within clips; lines: 95 % intervals, dotted: chance.",
         _order,
     ),
-    "lead-time.png": _Plot("Lead time of each detected approach.", _leads),
-    "false-alarms.png": _Plot(
+    "lead-time.png": ("Lead time of each detected approach.", _leads),
+    "false-alarms.png": (
         "False alarms per minute by kind of motion, at 1 per minute over all kinds; lines: 95 % "
         "intervals, which may be longer than the plot shows.",
         _false_alarms,
@@ -228,5 +224,6 @@ PLOTS = {
 def figure_of(plot: str, performances: Performances) -> Figure:
     """Return one of the `PLOTS`; `performances` has the order of the legend."""
     with styled_figure(*_SIZE) as figure:
-        PLOTS[plot].draw(figure.subplots(), performances)
+        _, draw = PLOTS[plot]
+        draw(figure.subplots(), performances)
     return figure

@@ -222,14 +222,8 @@ def videos_of(clips: Sequence[Clip]) -> NDArray[np.int64]:
 def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Numbers]:
     """Return the scores of a detector in the windows of all clips.
 
-    Returns
-    -------
-    score : ndarray, shape (n,)
-        Largest response in each window.
-    positive : ndarray of bool, shape (n,)
-        Whether the window is the last second before contact.
-    owner : ndarray, shape (n,)
-        Position in `clips` of the window's clip.
+    The three arrays have for each window its score, whether it is the last second before contact,
+    and the position of its clip.
     """
     rows: list[tuple[float, bool, int]] = []
     for index, clip in enumerate(clips):
@@ -239,8 +233,8 @@ def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Number
         rows += [
             (window.score(response), False, index) for window in clip.windows_without_approach()
         ]
-    score, positive, owner = (np.array([row[at] for row in rows]) for at in range(3))
-    return score.astype(np.float64), positive.astype(bool), owner.astype(np.int64)
+    score, positive, owner = np.array(rows, float).reshape(-1, 3).T
+    return score, positive.astype(bool), owner.astype(np.int64)
 
 
 class Curves(NamedTuple):
@@ -269,12 +263,7 @@ class Curves(NamedTuple):
 def curves_of(score: Numbers, positive: Flags, weight: Numbers) -> Curves | None:
     """Return the curves of windows with scores; None without a positive or a negative window.
 
-    Parameters
-    ----------
-    score, positive : ndarray, shape (n,)
-        As `scored` returns them.
-    weight : ndarray, shape (n,)
-        How often each window counts.
+    `score` and `positive` are those of `scored`; `weight` says how often each window counts.
     """
     order = np.argsort(-score, kind="stable")
     score, positive, weight = score[order], positive[order], weight[order]

@@ -56,11 +56,15 @@ def test_the_alarms_at_all_levels_are_those_at_each_level_also_at_uneven_times()
     random = np.random.default_rng(4)
     even = clip([0.0, 0.0, 0.0, *np.round(9 * random.random(200))])
     time_s = np.cumsum(random.choice([0.03, 0.3, 1.0, 1.2], len(even), p=[0.5, 0.4, 0.05, 0.05]))
-    for seen in (even, replace(even, time_s=time_s)):
+    walk = np.abs(np.cumsum(random.normal(size=100))).round(1).tolist()
+    walks = [clip(walk, rate=rate) for rate in (1, 3, 30)]
+    most = []
+    for seen in (even, replace(even, time_s=time_s), *walks):
         thresholds = Thresholds([seen], NAME)
         each = [thresholds.outcomes(level).false_alarms[0] for level in thresholds.levels]
         assert thresholds.counts[0].tolist() == each
-        assert max(each) > 3
+        most.append(max(each))
+    assert min(most[:2]) > 3
 
 
 def test_the_threshold_is_the_lowest_that_keeps_to_a_rate() -> None:
@@ -79,15 +83,6 @@ def test_a_rate_that_is_kept_exactly_may_be_rounded() -> None:
     """One alarm in 0.3 + 0.35 + 0.35 minutes, whose sum is less than 1 by a rounding error."""
     clips = [clip(peaks(183, {20: 5.0})), clip([0.0] * 213), clip([0.0] * 213)]
     assert Thresholds(clips, NAME).lowest(np.ones(3, np.int64), 1.0) == 0
-
-
-def test_the_alarms_at_every_level_are_those_of_outcomes() -> None:
-    random = np.random.default_rng(1)
-    for rate in (1, 3, 30):
-        walk = np.abs(np.cumsum(random.normal(size=100))).round(1)
-        seen = Thresholds([clip(walk.tolist(), rate=rate)], NAME)
-        found = [seen.outcomes(level).false_alarms[0] for level in seen.levels]
-        assert seen.counts[0].tolist() == found
 
 
 def test_a_low_threshold_that_merges_all_alarms_into_one_is_not_chosen() -> None:
