@@ -46,7 +46,7 @@ from oppload_cli.plots.style import (
     write_title,
 )
 from oppload_cli.results.reading import BaseResult
-from oppload_cli.results.truths import size_in
+from oppload_cli.results.truths import sizes_in
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
-    from numpy.typing import NDArray
 
     from oppload_cli.plots.panels import Curve
     from oppload_cli.results.reading import Series
@@ -180,7 +179,7 @@ def _draw_few(
         draw_marks([user_axes], panels[0], options)
         return user_axes.figure.figure, [user_axes]
     truths = [shared_truth(curves) for curves in panels]
-    strips = [truth if truth and _sizes_in(truth) else None for truth in truths]
+    strips = [truth if truth and sizes_in(truth["frames"]) else None for truth in truths]
     if options.scale == "raw":  # of the panels of a result, the last one has a strip
         last = {curves[-1].number: at for at, curves in enumerate(panels)}
         strips = [truth if at in last.values() else None for at, truth in enumerate(strips)]
@@ -279,23 +278,15 @@ def _draw_panel(
     return lines
 
 
-def _sizes_in(truth: Truth) -> dict[str, NDArray[np.float64]]:
-    """Return the angular size in each frame, in degrees, of each object that has one."""
-    frames = truth["frames"]
-    names = dict.fromkeys(each["id"] for frame in frames for each in frame["objects"])
-    sizes = {name: np.array([size_in(frame, name) for frame in frames], float) for name in names}
-    return {name: size for name, size in sizes.items() if np.isfinite(size).any()}
-
-
 def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
     """Draw the angular size of each object over time, on a grey ground while an object looms."""
     frames = truth["frames"]
     time = np.array([frame["time_s"] for frame in frames], float) - zero_s
     looming = np.array([bool(frame["looming"]) for frame in frames])
-    sizes = _sizes_in(truth)
+    sizes = sizes_in(frames)
     for number, (name, size) in enumerate(sizes.items()):
-        dash = DASHES[number % len(DASHES)]
-        axes.plot(time, size, color=INK, lw=1, linestyle=dash, label=wrapped(name, _NAME_WIDTH))
+        dash, label = DASHES[number % len(DASHES)], wrapped(name, _NAME_WIDTH)
+        axes.plot(time, np.array(size, float), color=INK, lw=1, linestyle=dash, label=label)
     if 1 < len(sizes) <= len(DASHES):
         axes.legend(
             loc="lower left", bbox_to_anchor=(0, 1), ncols=len(sizes), borderaxespad=0.1,

@@ -140,13 +140,8 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
 
     Several detectors over one input share a panel, and so do several inputs of one detector, in
     the order of the numbers in their names. Several detectors over several inputs have a panel for
-    each input. Raw responses have a panel for each curve.
-
-    Raises
-    ------
-    ResultError
-        If a result lacks a chosen detector or its responses, or curves are aligned and a contact
-        is not known.
+    each input. Raw responses have a panel for each curve. Raises ResultError if a result lacks a
+    chosen detector or its responses, or if curves are aligned and a contact is not known.
     """
     for result in results:
         result.need([f"{name}_response" for name in options.models])
@@ -356,32 +351,32 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
         if not first <= time <= last:
             text = f"{label} at {short_number(time)} s"
         share = min(max((time - first) / (last - first), 0.0), 1.0)
-        taken.append(_write_mark(axes[0], text, share, 1 - below, taken=taken, lines=lines))
+        _write_mark(axes[0], text, share, 1 - below, taken=taken, lines=lines)
     for time in other_contacts:
         draw_line(time, INK)
     axes[0].set_xlim(first, last)
 
 
 def _write_mark(
-    axes: Axes,
-    text: str,
-    share: float,
-    top: float,
-    *,
-    taken: Sequence[_Place],
-    lines: Sequence[Series],
-) -> _Place:
-    """Write the label of a line where it covers no other label and no curve; return its place.
+    axes: Axes, text: str, share: float, top: float, *, taken: list[_Place], lines: Sequence[Series]
+) -> None:
+    """Write the label of a vertical line where it covers no other label and no curve.
 
-    The arguments are those of :func:`_free_place`.
+    `share` is the place of the line, as a share of the panel's width; `top` is the upper end of the
+    first row of labels, as a share of its height. `taken` has the places of other labels, and gets
+    that of this label; `lines` are the curves from :func:`_curves_of`.
     """
     width = _LETTER * len(text)
     # A second label stands to the right of its line, away from the first label.
     right = share < 0.2 or (bool(taken) and share + width < 1)
-    place = _free_place(share, width, top, right=right, taken=taken, lines=lines)
+    both = width <= share <= 1 - width
+    lefts = [share if side else share - width for side in [right, not right][: 1 + both]]
+    places = (_Place(left, left + width, row) for row, left in product(range(_ROWS), lefts))
+    place = next((each for each in places if _is_free(each, top, taken, lines)), None)
     upright = place is None  # an upright label is narrow, and may cover a curve
     begin = min(share, 1 - 2 * _LETTER)
     place = place or _Place(begin, begin + 2 * _LETTER, 0)
+    taken.append(place)
     right = place.left >= share
     axes.annotate(
         text, (share, top), xycoords="axes fraction",
@@ -389,7 +384,6 @@ def _write_mark(
         ha="left" if right else "right", va="top", fontsize=6, color=INK,
         rotation=90 if upright else 0,
     )  # fmt: skip
-    return place
 
 
 def _marks_of(
@@ -435,37 +429,15 @@ def _curves_of(axes: Axes) -> list[Series]:
     return [line for line in lines if len(line) > 2] + tops
 
 
-def _free_place(
-    share: float,
-    width: float,
-    top: float,
-    *,
-    right: bool,
-    taken: Sequence[_Place],
-    lines: Sequence[Series],
-) -> _Place | None:
-    """Return the first place beside a vertical line where a label covers no label and no curve.
-
-    `share` and `width` are the place of the line and the width of the label, as shares of the
-    panel's width; `top` is the upper end of the first row, as a share of its height. If `right`,
-    the right side of the line is tried first. `taken` are the places of other labels, and `lines`
-    the curves from :func:`_curves_of`.
-    """
-    sides = [right, not right] if width <= share <= 1 - width else [right]
-    for row, side in product(range(_ROWS), sides):
-        left = share if side else share - width
-        place = _Place(left, left + width, row)
-        covers_label = any(
-            row == other.row and left < other.right and other.left < place.right for other in taken
-        )
-        high = top - _ROW * row
-        x = np.linspace(left, place.right, 50)
-        heights = (np.interp(x, each[:, 0], each[:, 1], np.nan, np.nan) for each in lines)
-        if not covers_label and not any(
-            np.any((y > high - _ROW - _MARGIN) & (y < high + _MARGIN)) for y in heights
-        ):
-            return place
-    return None
+def _is_free(place: _Place, top: float, taken: Sequence[_Place], lines: Sequence[Series]) -> bool:
+    """Return whether a label covers no label and no curve; arguments as for `_write_mark`."""
+    left, right, row = place
+    if any(row == other.row and left < other.right and other.left < right for other in taken):
+        return False
+    high = top - _ROW * row
+    x = np.linspace(left, right, 50)
+    heights = (np.interp(x, each[:, 0], each[:, 1], np.nan, np.nan) for each in lines)
+    return not any(np.any((y > high - _ROW - _MARGIN) & (y < high + _MARGIN)) for y in heights)
 
 
 def shared_truth(curves: Sequence[Curve]) -> Truth | None:

@@ -108,7 +108,7 @@ class _Layout(ConstrainedLayoutEngine):
             axes.set_in_layout(True)  # set_position takes the panel out of the layout
 
 
-class NotebookFigure(Figure):
+class _NotebookFigure(Figure):
     """A figure that notebooks show, although pyplot, which changes settings, does not know it."""
 
     def _repr_png_(self) -> bytes:
@@ -122,7 +122,7 @@ def styled_figure(width: float, height: float) -> Iterator[Figure]:
     The figure is at most as high as a page.
     """
     with _style():
-        yield NotebookFigure(figsize=(width, min(MOST_HEIGHT, height)), layout=_Layout())
+        yield _NotebookFigure(figsize=(width, min(MOST_HEIGHT, height)), layout=_Layout())
 
 
 def panel_grid(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:
@@ -154,10 +154,7 @@ def colour_bar(
 def as_list(results: T | Sequence[T], kind: type[T]) -> list[T]:
     """Return one result, or a sequence of results, as a list.
 
-    Raises
-    ------
-    ParameterError
-        If there is none, or if one is not of this kind.
+    Raises ParameterError if there is none, or if one is not of this kind.
     """
     listed = list(results) if isinstance(results, Sequence) else [results]
     if not listed:
@@ -280,12 +277,8 @@ def norm_of(values: NDArray[np.float64]) -> Normalize:
 def save(figure: Figure, path: Path) -> None:
     """Save a figure in the format of its suffix.
 
-    Raises
-    ------
-    ParameterError
-        If the suffix is not ``.png``, ``.svg`` or ``.pdf``.
-    OutputError
-        If the file cannot be written.
+    Raises ParameterError if this is not ``.png``, ``.svg`` or ``.pdf``, and OutputError if the file
+    cannot be written.
     """
     check_suffix(path)
     write_atomic(path, [image_bytes(figure, path.suffix.lower().removeprefix("."))])
@@ -318,10 +311,7 @@ def labels_of(
 ) -> list[str]:
     """Return the names that the user gave to results or tuning tables, or else what differs.
 
-    Raises
-    ------
-    ParameterError
-        If names are given, but not one for each.
+    Raises ParameterError if names are given, but not one for each.
     """
     if given and len(given) != len(read):
         noun = "table" if isinstance(read[0], Tuning) else "result"

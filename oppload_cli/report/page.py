@@ -16,7 +16,7 @@ from oppload_cli.palette import INK, ink_on
 from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted_in
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import alarm_rows, check_schema, known_threshold, read_detections
-from oppload_cli.results.truths import contacts_of, find_truth, size_in
+from oppload_cli.results.truths import contacts_of, find_truth, sizes_in
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -85,11 +85,8 @@ class Content:
     def of(cls, result: BaseResult) -> Content:
         """Return the content of a result's page.
 
-        Raises
-        ------
-        ResultError
-            If the result is of another version, if one of its files is damaged, or if a detector
-            responded to no frame.
+        Raises ResultError if the result is of another version, if one of its files is damaged, or
+        if a detector responded to no frame.
         """
         check_schema(result)
         result.need_responses(result.models)
@@ -259,14 +256,8 @@ def _truth(result: BaseResult) -> dict[str, Any] | None:
         return None
     by_frame = {int(each["frame"]): each for each in truth["frames"]}
     frames = [by_frame.get(int(frame)) for frame in result.frames["frame"]]
-    names = dict.fromkeys(obj["id"] for each in frames if each for obj in each["objects"])
-    sizes = {
-        name: [_short(size_in(each, name)) if each else None for each in frames] for name in names
-    }
     return {
-        "sizes": {
-            str(name): each for name, each in sizes.items() if any(s is not None for s in each)
-        },
+        "sizes": {str(name): [*map(_short, each)] for name, each in sizes_in(frames).items()},
         "looming": [bool(each and each["looming"]) for each in frames],
         "contacts": contacts_of(truth),
     }

@@ -11,7 +11,7 @@ from oppload_cli.files.reading import is_file
 from oppload_cli.video.inputs import GROUND_TRUTH
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from oppload_cli.results.reading import BaseResult
 
@@ -109,10 +109,17 @@ def contacts_of(truth: Mapping[str, Any]) -> list[float]:
     return [stated, *(each for each in contacts.values() if abs(each - stated) > _SAME_S)]
 
 
-def size_in(frame: Mapping[str, Any], name: str) -> float | None:
-    """Return the angular size of an object in a frame, in degrees; None if it is not visible."""
-    found = next((each for each in frame["objects"] if each["id"] == name), None)
-    return found["angular_size_deg"] if found and found["visible"] else None
+def sizes_in(frames: Sequence[Mapping[str, Any] | None]) -> dict[str, list[float | None]]:
+    """Return the angular sizes in degrees of each object that has one, by frame.
+
+    A size is None in a frame that is None or does not show the object.
+    """
+    sizes: dict[str, list[float | None]] = {}
+    for at, frame in enumerate(frames):
+        for each in frame["objects"] if frame else ():
+            of_object = sizes.setdefault(each["id"], [None] * len(frames))
+            of_object[at] = each["angular_size_deg"] if each["visible"] else None
+    return {name: each for name, each in sizes.items() if any(s is not None for s in each)}
 
 
 def truth_fault(result: BaseResult) -> str:
