@@ -30,13 +30,7 @@ from oppload_cli.files.html import embedded, rendered
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.report.page import Content, Curve
-from oppload_cli.results.reading import (
-    BaseResult,
-    find_video,
-    read_result,
-    stem_of,
-    title_and_input,
-)
+from oppload_cli.results.reading import find_video, read_result, stem_of, title_and_input
 from oppload_cli.version import __version__
 from oppload_cli.video.colour import Colour, colour_size
 from oppload_cli.video.inputs import REPORTED, Position, Span
@@ -49,6 +43,7 @@ if TYPE_CHECKING:
     import av
     from numpy.typing import NDArray
 
+    from oppload_cli.results.reading import BaseResult
     from oppload_cli.video.frames import InputFacts
 
 
@@ -100,7 +95,7 @@ class _Report:
 
 
 class _Item(NamedTuple):
-    result: BaseResult | Path
+    table: Path
     page: Path
     title: str
     videos: Path | None  # the video, or the folder of the videos, if they have moved
@@ -108,7 +103,7 @@ class _Item(NamedTuple):
 
 
 def write_report(
-    results: Sequence[BaseResult | Path],
+    tables: Sequence[Path],
     folder: Path,
     *,
     roots: Sequence[Path] | None = None,
@@ -118,25 +113,20 @@ def write_report(
     frames: Callable[[int], object] | None = None,
     done: Callable[[], object] | None = None,
 ) -> _Report:
-    """Write a page for each result, and an index of several results.
+    """Write a page for each of at least one result, and an index of several results.
 
-    A result that cannot be read does not stop the others.
+    A result that cannot be read does not stop the others. The folder of the pages is made if it
+    does not exist, and pages of the same name are replaced.
 
     Parameters
     ----------
-    results : sequence of BaseResult or Path
-        Results, or their tables; at least one.
-    folder : Path
-        The folder of the pages; made if it does not exist. Pages of the same name are replaced.
     roots : sequence of Path, optional
-        For each result, a folder above it. The place of the page below `folder` is the place of the
-        result below its root. By default all pages lie in `folder` itself.
+        For each table, a folder above it. The place of the page below `folder` is the place of the
+        table below its root. By default all pages lie in `folder` itself.
     videos : Path, optional
         The video, or the folder of the videos, if they have moved.
     failed : sequence of str
         Errors of inputs without a result, which the index lists.
-    jobs : int
-        Number of pages that are made at the same time, each in a process.
     frames : callable, optional
         Takes the number of frames of video that were copied since its last call.
     done : callable, optional
@@ -150,13 +140,13 @@ def write_report(
         If the index cannot be written, or would replace an ``index.html`` of another program.
     """
     make_folder(folder)
-    index = folder / _INDEX if len(results) > 1 else None
+    index = folder / _INDEX if len(tables) > 1 else None
     if index is not None:
         _refuse_other(index)
-    pages = list(_pages(results, roots))
+    pages = list(_pages(tables, roots))
     items = [
-        _Item(result, folder / page, title, videos, index)
-        for result, page, title in zip(results, pages, _titles(results, pages), strict=True)
+        _Item(table, folder / page, title, videos, index)
+        for table, page, title in zip(tables, pages, _titles(tables, pages), strict=True)
     ]
     by_position: dict[int, _IndexRow | OpploadError] = {}
     for position, outcome in outcomes(
@@ -165,7 +155,7 @@ def write_report(
         by_position[position] = outcome
         if done:
             done()
-    ordered = [by_position[position] for position in sorted(by_position)]
+    ordered = [by_position[position] for position in range(len(items))]
     entries = [each for each in ordered if isinstance(each, _IndexRow)]
     failures = [each for each in ordered if isinstance(each, OpploadError)]
     if not entries:
@@ -177,23 +167,19 @@ def write_report(
     return _Report([entry.page for entry in entries], index, failures, notes)
 
 
-def _pages(
-    results: Sequence[BaseResult | Path], roots: Sequence[Path] | None
-) -> Iterator[PurePosixPath]:
+def _pages(tables: Sequence[Path], roots: Sequence[Path] | None) -> Iterator[PurePosixPath]:
     """Yield the name of each page below their folder; a number keeps equal names different."""
     taken: set[PurePosixPath] = set()
-    for at, result in enumerate(results):
-        path = result.path if isinstance(result, BaseResult) else result
-        root = roots[at] if roots else path.parent
-        folder = PurePosixPath(path.parent.relative_to(root).as_posix())
+    for table, root in zip(tables, roots or [each.parent for each in tables], strict=True):
+        folder = PurePosixPath(table.parent.relative_to(root).as_posix())
         numbers = chain([""], (f"-{number}" for number in count(2)))
-        names = (folder / f"{stem_of(path)}{number}{_PAGE}" for number in numbers)
+        names = (folder / f"{stem_of(table)}{number}{_PAGE}" for number in numbers)
         name = next(each for each in names if each not in taken)
         taken.add(name)
         yield name
 
 
-def _titles(results: Sequence[BaseResult | Path], pages: Sequence[PurePosixPath]) -> Iterator[str]:
+def _titles(tables: Sequence[Path], pages: Sequence[PurePosixPath]) -> Iterator[str]:
     """Yield the title of each page: the first of some names that no other result has.
 
     They are the input's file name, the same with the folder of the page, and the input's path. If
@@ -201,7 +187,7 @@ def _titles(results: Sequence[BaseResult | Path], pages: Sequence[PurePosixPath]
     """
     candidates = [
         (title, str(page.parent / title), name)
-        for page, (title, name) in zip(pages, map(title_and_input, results), strict=True)
+        for page, (title, name) in zip(pages, map(title_and_input, tables), strict=True)
     ]
     counts = [Counter(names) for names in zip(*candidates, strict=True)]
     for page, names in zip(pages, candidates, strict=True):
@@ -222,7 +208,7 @@ def _refuse_other(index: Path) -> None:
 
 
 def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
-    result = item.result if isinstance(item.result, BaseResult) else read_result(item.result)
+    result = read_result(item.table)
     content = Content.of(result)
     beside = item.page.with_name(item.page.name.removesuffix(_PAGE) + REPORTED)
     copy: _VideoCopy | None = None
@@ -344,10 +330,9 @@ def _spark(curve: Curve, times: Any) -> str:
     width = _SPARK[0]
     length = float(times[-1] - times[0]) or 1.0
     column = np.minimum(((times[known] - times[0]) / length * width).astype(int), width - 1)
-    highest: dict[int, float] = {}
-    for at, value in zip(column.tolist(), curve.values[known].tolist(), strict=True):
-        highest[at] = max(value, highest.get(at, 0.0))
-    points = (f"{at} {_spark_row(value):.1f}" for at, value in sorted(highest.items()))
+    highest = np.zeros(width)
+    np.maximum.at(highest, column, curve.values[known])
+    points = (f"{at} {_spark_row(highest[at]):.1f}" for at in np.unique(column))
     return "M" + "L".join(points)
 
 

@@ -240,17 +240,16 @@ def _is_detection(found: Any) -> bool:
     )
 
 
-def title_and_input(result: BaseResult | Path) -> tuple[str, str]:
+def title_and_input(table: Path) -> tuple[str, str]:
     """Return a result's title, and the name of its input in the sidecar, or else its stem.
 
-    Of a path, the function reads only the sidecar. It raises no error.
+    The function reads only the sidecar. It raises no error.
     """
-    if isinstance(result, Path):
-        try:
-            sidecar = _sidecar(_beside(result))
-        except ResultError:  # the error comes again when the result is read
-            sidecar = {}
-        result = BaseResult(result, pd.DataFrame(), sidecar)
+    try:
+        sidecar = _sidecar(_beside(table))
+    except ResultError:  # the error comes again when the result is read
+        sidecar = {}
+    result = BaseResult(table, pd.DataFrame(), sidecar)
     return result.title, str(result.part("input").get("name") or result.stem)
 
 
