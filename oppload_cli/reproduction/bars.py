@@ -109,18 +109,17 @@ def bar_figures() -> list[Built]:
 
 def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
     settings = settings_of(preset, _FIELD, detector="opplod")
-    changes = {**NO_PAUSE, **changes}
     bars = {}
     for width in BAR_WIDTHS:
         # Along all axes of the catalogue: with few axes, a curve can look like a needle.
         shown = presented(_BAR.format(width), settings, changes)
         bars[width] = {int(name.rpartition("-")[2]): each["opplod"] for name, each in shown.items()}
-    loom = presented(_LOOM, settings, NO_PAUSE)[_LOOM]["opplod"]
+    loom = presented(_LOOM, settings, {})[_LOOM]["opplod"]
     display = load(_LOOM).display
     height = settings.height or display.height
     field = settings.resolved(height)["opplod"].as_dict()["receptive_field"]
     edge_deg = field / 2 * display.height / height / display.scale
-    reach = _reach(load_all(_BAR.format(BAR_WIDTHS[0]), changes)[0])
+    reach = _reach(load_all(_BAR.format(BAR_WIDTHS[0]), {**NO_PAUSE, **changes})[0])
     return _Tunings(bars, peak_of(loom), edge_deg, reach, settings)
 
 

@@ -26,7 +26,7 @@ from oppload_cli.tuning.present import Responses, present
 from oppload_cli.tuning.run import faint
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
@@ -63,12 +63,6 @@ def at_least(value: float, holds: float, in_part: float) -> Verdict:
     return at_most(-value, -holds, -in_part)
 
 
-def _overall(verdicts: Iterable[Verdict]) -> Verdict:
-    """Return the common verdict of at least one verdict, or "in part" if they differ."""
-    different = set(verdicts)
-    return different.pop() if len(different) == 1 else Verdict.IN_PART
-
-
 @dataclass(frozen=True)
 class Finding:
     """The measurement for one preset, with its verdict by the rule of the claim."""
@@ -80,14 +74,12 @@ class Finding:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding ready for JSON; NaN and infinite numbers become null."""
-        numbers = {
-            name: value if math.isfinite(value) else None for name, value in self.numbers.items()
-        }
+        numbers = self.numbers.items()
         return {
             "text": f"{self.text} {self.faint}".strip(),
             "verdict": str(self.verdict),
             "hardly_responds": bool(self.faint),
-            "numbers": numbers,
+            "numbers": {name: value if math.isfinite(value) else None for name, value in numbers},
         }
 
 
@@ -125,11 +117,14 @@ class Built:
         return {f"{self.name}.{form}": self.pictures[form], f"{self.name}.csv": self.table()}
 
     def as_dict(self, form: str = "png") -> dict[str, Any]:
-        """Return all but the figure, ready for JSON, with the common verdict of all claims."""
-        found: dict[str, list[Verdict]] = {}
+        """Return all but the figure, ready for JSON, with the common verdict of all claims.
+
+        The common verdict is "in part" if the verdicts differ.
+        """
+        found: dict[str, set[Verdict]] = {}
         for claim in self.claims:
             for preset, finding in claim.findings.items():
-                found.setdefault(preset, []).append(finding.verdict)
+                found.setdefault(preset, set()).add(finding.verdict)
         return {
             "name": self.name,
             "title": self.title,
@@ -138,7 +133,10 @@ class Built:
             "table": f"{self.name}.csv",
             "settings": self.settings,
             "command": f"oppload reproduce --only {self.name}",
-            "verdicts": {preset: str(_overall(verdicts)) for preset, verdicts in found.items()},
+            "verdicts": {
+                preset: str(each.pop() if len(each) == 1 else Verdict.IN_PART)
+                for preset, each in found.items()
+            },
             "claims": [
                 {
                     "statement": claim.statement,
@@ -159,16 +157,8 @@ def hardly(
 ) -> str:
     """Return a sentence if a detector hardly responds, else an empty text.
 
-    Parameters
-    ----------
-    detector : str
-        Name of the detector.
-    responses : collection of Responses
-        Its responses to all stimuli of a measurement.
-    settings : Settings
-        The settings of the measurement.
-    stimuli : str
-        The stimuli in words, such as ``to the disk``.
+    The responses are those to all stimuli of a measurement; `stimuli` are these stimuli in words,
+    such as ``to the disk``.
     """
     peak = max(map(peak_of, responses))
     return "".join(
@@ -201,13 +191,14 @@ def settings_of(
 
 
 def presented(
-    name: str, settings: Settings, changes: dict[str, Any]
+    name: str, settings: Settings, changes: Mapping[str, Any]
 ) -> dict[str, dict[str, Responses]]:
-    """Show all stimuli of a family with changed values.
+    """Show all stimuli of a family without a pause before the motion, and with changed values.
 
     Return the responses by the stimulus's name, then by detector.
     """
-    return {each.name: present(each, settings) for each in load_all(name, changes)}
+    protocols = load_all(name, {**NO_PAUSE, **changes})
+    return {each.name: present(each, settings) for each in protocols}
 
 
 def peak_of(responses: Responses) -> float:
@@ -263,23 +254,12 @@ def build(
     form: str = "png",
     done: Callable[[Built], object] | None = None,
 ) -> list[Built]:
-    """Make figures, and return them in the order of `names`.
+    """Make figures, and return them in the order of `names`, which are those of :func:`chosen`.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names from :func:`chosen`.
-    jobs : int
-        Number of processes, which does not change the result.
-    form : str
-        Format of the pictures, ``png``, ``svg`` or ``pdf``; PNG is made too, for the page.
-    done : callable, optional
-        Takes each figure when it is made.
-
-    Raises
-    ------
-    OutputError
-        If the system ends one of the processes, for example because memory runs out.
+    `jobs` is the number of processes, which does not change the result. `form` is the format of the
+    pictures, ``png``, ``svg`` or ``pdf``; PNG is made too, for the page. `done` takes each figure
+    when it is made. Raises OutputError if the system ends one of the processes, for example because
+    memory runs out.
     """
     makers = {FIGURES[name] for name in names}
     ordered = [maker for maker, _ in sorted(makers, key=lambda each: (-each[1], each[0]))]

@@ -14,7 +14,6 @@ from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import CYCLE, FAINT, SHADES, styled_figure
 from oppload_cli.reproduction.claims import (
-    NO_PAUSE,
     PAPER_PRESETS,
     TITLES,
     WIDE,
@@ -316,7 +315,7 @@ def _shown(preset: str) -> Inward:
     made: Inward = {}
     for label, name in _STIMULI.items():
         key = "bar.axis_deg" if label == _OUTWARD else "scene.rotation_deg"
-        members = presented(name, settings, {**NO_PAUSE, key: _ANGLES})
+        members = presented(name, settings, {key: _ANGLES})
         made[label] = dict(zip(_ANGLES, (each["opplod"] for each in members.values()), strict=True))
     return made
 

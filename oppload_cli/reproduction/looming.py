@@ -14,7 +14,6 @@ from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import FAINT, INK, styled_figure
 from oppload_cli.reproduction.claims import (
-    NO_PAUSE,
     PAPER_PRESETS,
     TITLES,
     WIDE,
@@ -242,7 +241,10 @@ def _near(detector: str, each: dict[str, Responses]) -> Finding:
 
 
 def _earlier(each: dict[str, Responses]) -> Finding:
-    onset = {name: _onset(responses) for name, responses in each.items()}
+    onset = {
+        name: int(shown.frame[np.argmax(shown.response >= _EARLY * peak_of(shown))])
+        for name, shown in each.items()
+    }
     peak = {name: _frame_of_peak(responses) for name, responses in each.items()}
     words = {
         name: "at or before frame" if frame == _first(each[name]) else "at frame"
@@ -270,10 +272,6 @@ def _stronger(each: dict[str, Responses]) -> Finding:
         at_least(share, 0.9, 0.5),
         {"share_above": share},
     )
-
-
-def _onset(responses: Responses) -> int:
-    return int(responses.frame[np.argmax(responses.response >= _EARLY * peak_of(responses))])
 
 
 def _first(responses: Responses) -> int:
@@ -382,7 +380,7 @@ def _shown(preset: str, stimuli: Changes) -> Shown:
     settings = settings_of(preset)
     made: Shown = {}
     for name, changes in stimuli.items():
-        made.update(presented(name, settings, {**NO_PAUSE, **changes}))
+        made |= presented(name, settings, changes)
     return made
 
 

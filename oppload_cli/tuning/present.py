@@ -16,7 +16,6 @@ from oppload_cli.video.optics import Optics
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from oppload_cli.models.detector import Response
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
 
@@ -30,8 +29,14 @@ class Responses:
     frame: Series  # (n,)
     time_s: Series  # (n,)
     response: Series  # (n,); NaN during warm-up
-    centre: Series  # (n, 2): of the winning unit, (x, y) in stimulus pixels; NaN without one
-    box: Series  # (n, 4): its receptive field: left, top, width and height in stimulus pixels
+    # (n, 4): the receptive field of the winning unit: left, top, width and height in stimulus
+    # pixels; NaN without one.
+    box: Series
+
+    @property
+    def centre(self) -> Series:
+        """Centres of the winning units, (n, 2): (x, y) in stimulus pixels."""
+        return self.box[:, :2] + self.box[:, 2:] / 2
 
     @property
     def peak(self) -> int | None:
@@ -53,7 +58,6 @@ class Responses:
                 self.frame[:count],
                 self.time_s[:count],
                 np.where(moving, self.response[first : first + count], np.nan),
-                self.centre[first : first + count],
                 self.box[first : first + count],
             )
             for first in range(0, len(self.frame), count)
@@ -65,19 +69,9 @@ def present(
 ) -> dict[str, Responses]:
     """Show a stimulus to the detectors, and return the responses by detector.
 
-    Without an indicator, the responses are those that ``oppload run`` writes for the stimulus's
-    lossless video.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    settings : Settings
-        Detectors, their parameters and the working height.
-    times : int
-        Number of presentations in a row.
-    indicator_s : float
-        Time constant in s of a calcium indicator that shows the responses; 0 for none.
+    The stimulus is shown some `times` in a row. `indicator_s` is the time constant in s of a
+    calcium indicator that shows the responses. Without an indicator (0), the responses are those
+    that ``oppload run`` writes for the stimulus's lossless video.
     """
     video = StimulusVideo(protocol, settings.height, times)
     display = protocol.display
@@ -95,32 +89,18 @@ def present(
     found = {}
     for detector in settings.models:
         responses = [record.responses.get(detector) for record in records]
-        boxes = np.array([_box(each) for each in responses])
-        response = np.array([np.nan if each is None else each.response for each in responses])
-        if indicator_s:
-            signal = low_passed(response, time_s, indicator_s)
-            response = np.where(np.isnan(response), np.nan, signal)
-        centre = boxes[:, :2] + boxes[:, 2:] / 2
-        found[detector] = Responses(frame, time_s, response, centre, boxes)
+        boxes = np.array([(each and each.box) or [None] * 4 for each in responses], float)
+        response = np.array([each and each.response for each in responses], float)
+        signal = low_passed(response, time_s, indicator_s)
+        response = np.where(np.isnan(response), np.nan, signal)
+        found[detector] = Responses(frame, time_s, response, boxes)
     return found
-
-
-def _box(response: Response | None) -> list[float]:
-    box = response.box if response else None
-    return [np.nan] * 4 if box is None else [box.x, box.y, box.width, box.height]
 
 
 def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
     """Return responses as a calcium indicator shows them: after a first-order low-pass filter.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, ...)
-        The responses; NaN counts as 0.
-    time_s : ndarray, shape (n,)
-        Rising times in s.
-    constant_s : float
-        Time constant in s; 0 for none.
+    NaN counts as 0. `constant_s` is the time constant in s; 0 for no filter.
     """
     known = np.nan_to_num(values)
     if not constant_s:

@@ -46,18 +46,19 @@ def test_a_value_that_should_be_large(value: float, verdict: Verdict) -> None:
 
 
 @pytest.mark.parametrize(
-    ("verdicts", "sum_"),
+    ("verdicts", "sum_", "counts"),
     [
-        ((HOLDS, HOLDS), HOLDS),
-        ((DOES_NOT,), DOES_NOT),
-        ((HOLDS, DOES_NOT), IN_PART),
-        ((HOLDS, IN_PART), IN_PART),
+        ((HOLDS, HOLDS), HOLDS, "2 hold"),
+        ((DOES_NOT,), DOES_NOT, "0 hold, 1 not"),
+        ((HOLDS, DOES_NOT), IN_PART, "1 hold, 1 not"),
+        ((HOLDS, IN_PART, DOES_NOT), IN_PART, "1 hold, 1 in part, 1 not"),
     ],
 )
-def test_verdicts_sum_up(verdicts: tuple[Verdict, ...], sum_: Verdict) -> None:
+def test_verdicts_sum_up(verdicts: tuple[Verdict, ...], sum_: Verdict, counts: str) -> None:
     claims = tuple(Claim("s", "r", {"paper": Finding("x", each)}) for each in verdicts)
-    built = Built("name", "title", "shows", claims, None, ())
-    assert built.as_dict()["verdicts"] == {"paper": sum_}
+    figure = Built("name", "title", "shows", claims, None, ()).as_dict()
+    assert figure["verdicts"] == {"paper": sum_}
+    assert tally(figure, "paper") == counts
 
 
 def test_numbers_have_an_exponent_only_where_they_are_very_small() -> None:
@@ -84,18 +85,11 @@ def test_a_figure_is_judged_per_preset() -> None:
     assert tally(content, "reference") == "2 hold"
 
 
-def test_verdicts_are_counted_by_kind() -> None:
-    claims = tuple(Claim("s", "r", {"paper": Finding("x", each)}) for each in (IN_PART, DOES_NOT))
-    figure = Built("name", "title", "shows", claims, None, ()).as_dict()
-    assert tally(figure, "paper") == "0 hold, 1 in part, 1 not"
-
-
 def test_a_verdict_on_a_faint_response_says_so() -> None:
     settings = settings_of("reference", height="native")
     time = np.arange(3.0)
-    nothing = np.full((3, 4), NAN)
     shown = {
-        peak: [Responses(time, time, np.array([NAN, 0, peak]), nothing[:, :2], nothing)]
+        peak: [Responses(time, time, np.array([NAN, 0, peak]), np.full((3, 4), NAN))]
         for peak in (1e-4, 1.0)
     }
     faint = hardly("dlgmd", shown[1e-4], settings, "to the disk")

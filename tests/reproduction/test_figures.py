@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,18 +16,12 @@ from oppload_cli.reproduction.rmo import _construct, definition
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.tuning.present import Responses
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-
 REFERENCE = settings_of("reference", detector="opplod")
 
 
-def responses(values: list[float], boxes: NDArray[np.float64] | None = None) -> Responses:
-    time = np.arange(len(values)) / 10
-    box = np.full((len(values), 4), np.nan) if boxes is None else boxes
-    centre = box[:, :2] + box[:, 2:] / 2
-    return Responses(np.arange(float(len(values))), time, np.array(values), centre, box)
+def responses(values: list[float]) -> Responses:
+    frame = np.arange(float(len(values)))
+    return Responses(frame, frame / 10, np.array(values), np.full((len(values), 4), np.nan))
 
 
 def test_the_construction_gives_the_closed_form() -> None:

@@ -12,19 +12,12 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.reproduction.claims import Built, Verdict
 from oppload_cli.reproduction.lplc2 import BATTERY, Row, _alike, _does, _published, phenomena, show
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.tuning.present import low_passed, present
+from oppload_cli.tuning.present import present
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from oppload_cli.models.opplod_parameters import OpplodParams
-
-
-def test_a_low_pass_in_uneven_time() -> None:
-    time = np.array([0, 1, 3.0])
-    found = low_passed(np.array([np.nan, 1, 1]), time, 2.0)
-    np.testing.assert_allclose(found, [0, 1 - math.exp(-0.5), 1 - math.exp(-1.5)])
-    assert low_passed(np.array([np.nan, 2.0]), time[:2], 0).tolist() == [0, 2]
 
 
 def test_likeness_leaves_the_loom_out_of_r() -> None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.models.dpc import Map
+    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.catalogue import Entry
     from oppload_cli.tuning.run import Condition
 
@@ -110,17 +111,16 @@ def entry_of(name: str, changes: dict[str, float], over: Sequence[str] = ()) -> 
     return one.entry
 
 
+def at_native_size(models: list[str], *assignments: str) -> Settings:
+    return resolve(models=models, height="native", usual="reference", assignments=assignments)
+
+
 L_OVER_V = [20, 40, 60, 80]
 
 
 def test_the_line_finds_threshold_and_delay_of_the_eta_function() -> None:
     entry = entry_of("peak-time", SMALL, ["l/v=20,40,60,80"])
-    settings = resolve(
-        height="native",
-        models=["theta"],
-        assignments=["theta.alpha=3", "time.interval=frame"],
-        usual="reference",
-    )
+    settings = at_native_size(["theta"], "theta.alpha=3", "time.interval=frame")
     shown = times(tune(entry, settings), "theta")
     fit = PeakTimes.through(np.array(L_OVER_V) / 1000, shown, 1 / RATE)
     # The derivative is that between two frames, half a frame before the last of them.
@@ -134,9 +134,7 @@ def test_the_line_finds_threshold_and_delay_of_the_eta_function() -> None:
 
 def test_the_size_itself_peaks_where_the_disk_stops_growing() -> None:
     entry = entry_of("peak-time", {**SMALL, "disk.growth.most_deg": 50}, ["l/v=20,60"])
-    settings = resolve(
-        height="native", models=["theta"], assignments=["time.interval=frame"], usual="reference"
-    )
+    settings = at_native_size(["theta"], "time.interval=frame")
     shown = tune(entry, settings)
     end = np.array([20, 60]) / 1000 / math.tan(math.radians(25))
     late = end - times(shown, "theta")
@@ -192,12 +190,10 @@ def test_other_values_of_what_a_figure_sweeps() -> None:
     sizes = entry_of("size-speed", {}, ["size=15,30"]).sweep  # the size that the figure sweeps
     assert sizes["disk.growth.end_deg"] == [15, 30]
     assert len(sizes["disk.growth.speed_deg_s"]) == 5
-    (slow,) = entry_of("habituation", {"l/v": 80}).protocols()
-    assert slow.objects[0].growth is not None
-    assert slow.objects[0].growth.l_over_v_ms == 80
-    (slow,) = entry_of("habituation", {"disk.growth.l_over_v_ms": 80}).protocols()
-    assert slow.objects[0].growth is not None
-    assert slow.objects[0].growth.l_over_v_ms == 80
+    for key in ("l/v", "disk.growth.l_over_v_ms"):
+        (slow,) = entry_of("habituation", {key: 80}).protocols()
+        assert slow.objects[0].growth is not None
+        assert slow.objects[0].growth.l_over_v_ms == 80
 
 
 @pytest.mark.parametrize(
@@ -239,10 +235,7 @@ def test_a_wrong_figure() -> None:
 
 def test_without_adaptation_every_presentation_is_the_first(tmp_path: Path) -> None:
     entry = swept(str(disk(tmp_path, 0.4).path), ["speed=25"])
-    settings = resolve(
-        models=["opplod", "tired"], height="native", usual="reference",
-        assignments=["opplod.receptive_field=24"],
-    )  # fmt: skip
+    settings = at_native_size(["opplod", "tired"], "opplod.receptive_field=24")
     shown = tune(entry, settings, presentations=3)
     assert [each.values["presentation"] for each in shown] == [1, 2, 3]
     peaks = [each.measures["opplod"].peak or 0 for each in shown]
@@ -261,8 +254,7 @@ def test_a_pause_before_the_motion_is_no_part_of_a_presentation(tmp_path: Path) 
     protocol = disk(tmp_path, 0.12).protocols()[0]  # 3 of 18 frames
     count = protocol.frame_count
     frames = np.arange(2.0 * count)
-    blank = np.zeros((2 * count, 2))
-    responses = Responses(frames, frames / 25, frames, blank, np.zeros((2 * count, 4)))
+    responses = Responses(frames, frames / 25, frames, np.zeros((2 * count, 4)))
     first, second = responses.presentations(protocol)
     assert np.isnan(second.response).tolist() == [True] * 3 + [False] * (count - 3)
     assert second.response[3] == count + 3
@@ -281,32 +273,24 @@ def test_the_map_of_positions_peaks_where_the_unit_is() -> None:
 
 def test_sizes_in_degrees_are_those_of_the_display_of_the_stimulus(tmp_path: Path) -> None:
     """The display has 2 px/deg."""
-    found = [
-        present(
-            disk(tmp_path).protocols()[1],
-            resolve(
-                models=["opplod"], height="native", usual="reference",
-                assignments=[f"opplod.receptive_field={size}"],
-            ),
-        )["opplod"]
-        for size in ("12deg", "24")
-    ]  # fmt: skip
+    protocol = disk(tmp_path).protocols()[1]
+    fields = ("12deg", "24")
+    settings = [at_native_size(["opplod"], f"opplod.receptive_field={each}") for each in fields]
+    found = [present(protocol, each)["opplod"] for each in settings]
     np.testing.assert_allclose(found[0].response, found[1].response)
     assert np.nanmax(found[0].response) > 0
 
 
 def test_an_indicator_approaches_a_constant_exponentially_whatever_the_steps() -> None:
     times = np.array([0.0, 0.1, 0.35, 1.0])
-    signal = low_passed(np.ones(4), times, 0.5)
+    signal = low_passed(np.array([np.nan, 1, 1, 1]), times, 0.5)
     np.testing.assert_allclose(signal, 1 - np.exp(-times / 0.5))
+    assert low_passed(np.array([np.nan, 2.0]), times[:2], 0).tolist() == [0, 2]  # no indicator
 
 
 def test_an_indicator_shows_the_response_low_passed(tmp_path: Path) -> None:
     protocol = disk(tmp_path).protocols()[1]
-    settings = resolve(
-        models=["opplod"], height="native", usual="reference",
-        assignments=["opplod.receptive_field=24"],
-    )  # fmt: skip
+    settings = at_native_size(["opplod"], "opplod.receptive_field=24")
     plain, seen = (present(protocol, settings, 1, each)["opplod"] for each in (0.0, 0.5))
     expected = low_passed(plain.response, plain.time_s, 0.5)
     unknown = np.isnan(plain.response)

@@ -109,8 +109,8 @@ def test_the_numbers_are_those_of_a_run_over_the_video(
 def test_measures_of_known_responses() -> None:
     time = np.array([0.0, 0.1, 0.2, 0.4, 0.5])
     response = np.array([np.nan, 0.0, 0.3, 1.0, 0.5])
-    centre = np.array([[np.nan, np.nan]] * 3 + [[7.0, 8.0], [9.0, 9.0]])
-    got = measure(Responses(np.arange(5.0), time, response, centre, np.zeros((5, 4))))
+    box = np.array([[np.nan] * 4] * 3 + [[5.0, 6.0, 4.0, 4.0], [9.0, 9.0, 0.0, 0.0]])
+    got = measure(Responses(np.arange(5.0), time, response, box))
     area = 0.1 * 0.15 + 0.2 * 0.65 + 0.1 * 0.75
     assert got.area == pytest.approx(area)
     assert got == Measures(1.0, 3, 0.4, 0.45, got.area, 2, 0.2, 7.0, 8.0)
@@ -118,8 +118,8 @@ def test_measures_of_known_responses() -> None:
 
 def test_of_equal_peaks_the_first_counts_and_a_tenth_of_it_is_the_onset() -> None:
     response = np.array([np.nan, 0.1, 0.5, 1.0, 1.0])
-    frames, blank = np.arange(5.0), np.full((5, 4), np.nan)
-    got = measure(Responses(frames, frames / 10, response, blank[:, :2], blank))
+    frames = np.arange(5.0)
+    got = measure(Responses(frames, frames / 10, response, np.full((5, 4), np.nan)))
     assert (got.peak_frame, got.onset_frame, got.onset_time_s) == (3, 1, 0.1)
 
 
@@ -129,26 +129,22 @@ def test_contact_and_size_at_the_peak() -> None:
     )
     frames = np.arange(float(protocol.frame_count))
     response = np.where(frames == 51, 1.0, 0.5)
-    blank = np.zeros((len(frames), 2))
-    boxes = np.zeros((len(frames), 4))
-    got = measure(Responses(frames, frames / 30, response, blank, boxes), protocol)
+    shown = Responses(frames, frames / 30, response, np.zeros((len(frames), 4)))
+    got = measure(shown, protocol)
     # Contact at 2.2 s; 0.5 s before it, the size is 2 atan(0.1 / 0.5).
     assert got.peak_before_contact_s == pytest.approx(0.5)
     assert got.size_at_peak_deg == pytest.approx(2 * np.degrees(np.arctan(0.2)))
     # An object that is not drawn has no size.
     (disk_,) = protocol.objects
     gone = replace(disk_, id="gone", growth=None, size_deg=80.0, duration_s=0.1, vanishes="end")
-    both = replace(protocol, objects=(disk_, gone))
-    again = measure(Responses(frames, frames / 30, response, blank, boxes), both)
+    again = measure(shown, replace(protocol, objects=(disk_, gone)))
     assert again.size_at_peak_deg == got.size_at_peak_deg
 
 
 def test_measures_without_a_response() -> None:
-    nothing = np.full(4, np.nan)
-    blank = np.full((4, 2), np.nan)
-    times = np.arange(4.0)
-    assert measure(Responses(times, times, nothing, blank, blank)) == Measures()
-    silent = measure(Responses(times, times, np.array([np.nan, 0, 0, 0]), blank, blank))
+    times, blank = np.arange(4.0), np.full((4, 4), np.nan)
+    assert measure(Responses(times, times, blank[0], blank)) == Measures()
+    silent = measure(Responses(times, times, np.array([np.nan, 0, 0, 0]), blank))
     assert silent == Measures(peak=0, mean=0, area=0)  # and no time of a peak
 
 
