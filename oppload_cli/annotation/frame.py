@@ -52,10 +52,6 @@ _OVER_THRESHOLD = _Scale(2.5, {0: "threshold", 1: "10 x", 2: "100 x"})
 _OVER_LARGEST = _Scale(0.5, {0: "largest", -1: "1/10", -2: "1/100", -3: "1/1000"})
 
 
-def _paint_of(name: str) -> _Paint:
-    return bgr(detector_named(name).colour)
-
-
 class _Area(NamedTuple):
     """A rectangle of the annotated frame: its left top corner and its size, in pixels."""
 
@@ -159,14 +155,9 @@ class _Point(NamedTuple):
 
 
 class History:
-    """The curves of the latest seconds.
+    """The curves of some detectors in the latest seconds.
 
-    Parameters
-    ----------
-    detectors : sequence of str
-        The detectors with a curve.
-    duration_s : float, optional
-        The duration of the video: the time axis of a short video has this length.
+    The time axis of a short video has the length of its duration, if that is known.
     """
 
     def __init__(self, detectors: Sequence[str], duration_s: float | None = None) -> None:
@@ -237,7 +228,7 @@ def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecor
     _grid(canvas, layout, history.scale)
     _ticks(canvas, layout, history)
     for name, points in reversed(history.points.items()):
-        _curve(plot, layout, history, list(points), _paint_of(name))
+        _curve(plot, layout, history, list(points), bgr(detector_named(name).colour))
     edge, line = (DARK, 2 * layout.line) if alarming else (_DIM, layout.line)
     canvas[layout.header.y : layout.header.y + line] = edge
 
@@ -377,35 +368,21 @@ def draw_detections(
     The lines lie just inside the edges of the box. While the object causes an alarm, they are twice
     as thick, and the label has the word ALARM. The first detection is drawn last, over the others.
     """
-    picture = canvas[layout.picture.slices]
+    picture, paint = canvas[layout.picture.slices], bgr(colour)
+    across, down = layout.scale_x, layout.scale_y
     for detection in reversed(list(detections)):
-        _draw_box(picture, layout, detection, colour)
-
-
-def _label_of(detection: Detection) -> str:
-    """Return the label of a box, such as ``#3`` or ``ALARM #3  contact in 0.84 s``."""
-    name = f"ALARM #{detection.identity}" if detection.alarm else f"#{detection.identity}"
-    seconds = detection.time_to_contact_s
-    if seconds is None:
-        return name
-    # The estimate is not more precise than these digits.
-    return f"{name}  contact in {seconds:.{1 if seconds >= 1 else 2}f} s"
-
-
-def _draw_box(picture: Bgr, layout: Layout, detection: Detection, colour: str) -> None:
-    paint = bgr(colour)
-    box, across, down = detection.box, layout.scale_x, layout.scale_y
-    left, top = round(box.x * across), round(box.y * down)
-    right = max(round((box.x + box.width) * across), left + 1)
-    bottom = max(round((box.y + box.height) * down), top + 1)
-    line = (2 if detection.alarm else 1) * layout.line
-    # A dark rim makes the box visible on any picture.
-    _draw_edges(picture, (left - 1, top - 1, right + 1, bottom + 1), line + 2, DARK)
-    _draw_edges(picture, (left, top, right, bottom), line, paint)
-    centre = round(detection.centre_x * across), round(detection.centre_y * down)
-    for ink, width in ((DARK, layout.line + 2), (paint, layout.line)):
-        cv2.drawMarker(picture, centre, ink, cv2.MARKER_CROSS, layout.text, width)
-    _label(picture, (left, top), layout, detection, colour)
+        box = detection.box
+        left, top = round(box.x * across), round(box.y * down)
+        right = max(round((box.x + box.width) * across), left + 1)
+        bottom = max(round((box.y + box.height) * down), top + 1)
+        line = (2 if detection.alarm else 1) * layout.line
+        # A dark rim makes the box visible on any picture.
+        _draw_edges(picture, (left - 1, top - 1, right + 1, bottom + 1), line + 2, DARK)
+        _draw_edges(picture, (left, top, right, bottom), line, paint)
+        centre = round(detection.centre_x * across), round(detection.centre_y * down)
+        for ink, width in ((DARK, layout.line + 2), (paint, layout.line)):
+            cv2.drawMarker(picture, centre, ink, cv2.MARKER_CROSS, layout.text, width)
+        _label(picture, (left, top), layout, detection, colour)
 
 
 def _fill(picture: Bgr, edges: tuple[int, int, int, int], paint: _Paint) -> None:
@@ -429,7 +406,10 @@ def _label(
 
     In an alarm, the ground of the label has the detector's colour.
     """
-    label = _label_of(detection)
+    label = f"ALARM #{detection.identity}" if detection.alarm else f"#{detection.identity}"
+    seconds = detection.time_to_contact_s
+    if seconds is not None:  # an estimate, which is not more precise than these digits
+        label += f"  contact in {seconds:.{1 if seconds >= 1 else 2}f} s"
     left, top = corner
     ground = bgr(colour) if detection.alarm else _WHITE
     ink = bgr(ink_on(colour) if detection.alarm else ink_of(colour))

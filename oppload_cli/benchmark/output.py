@@ -16,7 +16,7 @@ from oppload_cli.evaluation.detectors import EvaluatedDetector, label_of
 from oppload_cli.evaluation.page import number
 from oppload_cli.files.atomic import output_errors, remove, write_atomic
 from oppload_cli.files.html import embedded, rendered
-from oppload_cli.files.tables import Cell, finite_text, open_csv
+from oppload_cli.files.tables import Cell, csv_text, finite_text
 from oppload_cli.models.registry import detectors
 from oppload_cli.plots.style import PAGE, SHADES, image_bytes, plain, save, styled_figure
 from oppload_cli.results.table import write_sidecar
@@ -189,9 +189,7 @@ def write_benchmark(
     summaries = {name: benchmark.summary(name) for name in benchmark.names}
     rows = [{"detector": name, **each._asdict()} for name, each in summaries.items()]
     for name, of_table in (("stimuli.csv", list(_rows(benchmark))), ("summary.csv", rows)):
-        with open_csv(folder / name, of_table[0], cell=finite_text) as table:
-            for row in of_table:
-                table.write(row)
+        write_atomic(folder / name, csv_text(of_table, of_table[0], finite_text))
         yield folder / name
     pictures = {}
     for each in benchmark.tables:
