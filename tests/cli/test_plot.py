@@ -224,7 +224,7 @@ def test_the_settings_of_matplotlib_of_a_user_change_nothing(tmp_path: Path) -> 
 def test_polar_prints_peak_and_selectivity(tmp_path: Path) -> None:
     angles = {"scene.rotation_deg": [0.0, 90, 180, 270]}
     path = write_tuning(
-        tmp_path / "a.tuning.csv", angles, {"opplod": [3.0, 1, 1, 1]}, stimulus="controls/x"
+        tmp_path / "a.tuning.csv", angles, {"opplod": [3.0, 1, 1, 1]}, name="controls/x"
     )
     done = oppload("plot", path, "--kind", "polar")
     assert done.returncode == 0

@@ -37,32 +37,16 @@ def made(
     path: Path, values: dict[str, list[Any]], peaks: dict[str, list[float]], **more: Any
 ) -> Tuning:
     """A table with a sidecar of some display and object."""
-    numbers = {key: each for key, each in values.items() if not isinstance(each[0], str)}
-    write_tuning(path, numbers, peaks)
-    content = {
-        "stimulus": {
-            "name": "x",
-            "first": {
-                "display": {
-                    "width": 360, "height": 360, "background": 0.5,
-                    "projection": more.pop("projection", "flat"),
-                    **more.pop("scale", {"pixels_per_degree": 5}),
-                    "frame_rate": more.pop("rate", "10000"),
-                },
-                "object": [{"growth": {"most_deg": more.pop("most_deg", 180)}}],
-            },
+    first = {
+        "display": {
+            "width": 360, "height": 360, "background": 0.5, "projection": "flat",
+            **more.pop("scale", {"pixels_per_degree": 5}),
+            "frame_rate": more.pop("rate", "10000"),
         },
-        **more,
+        "object": [{"growth": {"most_deg": more.pop("most_deg", 180)}}],
     }  # fmt: skip
-    path.with_suffix(".json").write_text(json.dumps(content))
-    tuning = read_tuning(path)
-    for key, each in values.items():
-        if isinstance(each[0], str):
-            tuning.rows.insert(1, key, np.repeat(each, len(peaks)))
-            tuning = type(tuning)(
-                tuning.path, tuning.rows, (key, *tuning.parameters), tuning.sidecar
-            )
-    return tuning
+    stimulus = {"name": "x", "first": first}
+    return read_tuning(write_tuning(path, values, peaks, stimulus=stimulus, **more))
 
 
 def ends(*axes: float) -> dict[str, list[Any]]:

@@ -1,8 +1,7 @@
 from __future__ import annotations
 
 import itertools
-import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -35,6 +34,13 @@ if TYPE_CHECKING:
 
 AXES = {"bar.axis_deg": [0.0, 45, 90, 135]}
 PEAKS = {"opplod": [1.0, 4, 1, 4], "dlgmd": [0.0, 0, 0, 0]}
+L_OVER_V = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
+
+
+def made(
+    folder: Path, values: dict[str, list[float]], peaks: dict[str, list[float]], **more: Any
+) -> Tuning:
+    return read_tuning(write_tuning(folder / "a.tuning.csv", values, peaks, **more))
 
 
 def y_of(line: Line2D) -> NDArray[np.float64]:
@@ -42,7 +48,7 @@ def y_of(line: Line2D) -> NDArray[np.float64]:
 
 
 def test_a_symmetric_axis_is_drawn_all_round_beside_lplc2(tmp_path: Path) -> None:
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS, symmetric=True))
+    tuning = made(tmp_path, AXES, PEAKS, symmetric=True)
     figure, _ = plot_tuning([tuning])
     opplod, dlgmd, lplc2 = figure.axes[0].lines
     lines = [curve.line() for curve in direction_tunings([tuning])]
@@ -60,16 +66,13 @@ def test_a_symmetric_axis_is_drawn_all_round_beside_lplc2(tmp_path: Path) -> Non
 
 def test_rounding_errors_are_no_response(tmp_path: Path) -> None:
     """Pathways that cancel leave 1e-14 of a response, which depends on the direction."""
-    path = write_tuning(tmp_path / "a.tuning.csv", AXES, {"opplod": [1e-14, 2e-14, 0, 1e-14]})
-    path.with_suffix(".json").write_text('{"preset": "reference"}')
-    (curve,) = direction_tunings([read_tuning(path)], (), "none")
+    tuning = made(tmp_path, AXES, {"opplod": [1e-14, 2e-14, 0, 1e-14]}, preset="reference")
+    (curve,) = direction_tunings([tuning], (), "none")
     assert curve.line() == "OppLoD: no response"
 
 
 def test_lplc2_stands_beside_its_own_bar_only(tmp_path: Path) -> None:
-    path = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS, symmetric=True)
-    sidecar = path.with_suffix(".json")
-    content = json.loads(sidecar.read_text())
+    tuning = made(tmp_path, AXES, PEAKS, symmetric=True)
     entry = find("klapoetke2017/bar-expand-10")[0]
     for changes, overlaid in (
         ({}, True),
@@ -84,9 +87,8 @@ def test_lplc2_stands_beside_its_own_bar_only(tmp_path: Path) -> None:
         ({"effects.invert": True}, False),
     ):
         first = entry.with_settings(changes).protocols()[0].as_table()
-        content["stimulus"]["first"] = first
-        sidecar.write_text(json.dumps(content))
-        names = [curve.name for curve in direction_tunings([read_tuning(path)])]
+        tuning.sidecar["stimulus"]["first"] = first
+        names = [curve.name for curve in direction_tunings([tuning])]
         assert any(name.startswith("LPLC2") for name in names) == overlaid, changes
 
 
@@ -99,13 +101,13 @@ def test_lplc2_stands_beside_its_own_bar_only(tmp_path: Path) -> None:
 )
 def test_more_than_a_plot_can_show_is_refused(first: str, reason: str, tmp_path: Path) -> None:
     three = {first: [1.0, 2], "a.y": [1.0, 2], "a.z": [1.0, 2]}
-    table = read_tuning(write_tuning(tmp_path / "3.tuning.csv", three, {"opplod": [1.0, 2]}))
+    table = made(tmp_path, three, {"opplod": [1.0, 2]})
     with pytest.raises(ResultError, match=reason):
         plot_tuning(table)
 
 
 def test_without_symmetry_a_half_circle_stays_open(tmp_path: Path) -> None:
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS))
+    tuning = made(tmp_path, AXES, PEAKS)
     (curve,) = direction_tunings([tuning], ["opplod"], "none")
     np.testing.assert_array_equal(curve.angles_deg, [0, 45, 90, 135])
     line = plot_tuning([tuning], models=["opplod"], lplc2="none")[1][0].lines[0]
@@ -116,7 +118,7 @@ def test_without_symmetry_a_half_circle_stays_open(tmp_path: Path) -> None:
 def test_a_direction_that_was_shown_twice_is_drawn_once(tmp_path: Path) -> None:
     circle = {"bar.axis_deg": [float(angle) for angle in range(0, 361, 45)]}
     peaks = {"opplod": [1.0, 2, 1, 2, 1, 2, 1, 2, 1]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", circle, peaks))
+    tuning = made(tmp_path, circle, peaks)
     (curve,) = direction_tunings([tuning], (), "none")
     np.testing.assert_array_equal(curve.angles_deg, circle["bar.axis_deg"][:-1])
     assert "axis selectivity index 0.000" in curve.line()
@@ -133,7 +135,7 @@ def test_the_reference_has_the_published_numbers() -> None:
 def test_two_parameters_make_a_heat_map(tmp_path: Path) -> None:
     values = {"disk.growth.speed_deg_s": [10.0, 10, 20, 20], "disk.size_deg": [5.0, 9, 5, 9]}
     peaks_of = {"opplod": [1.0, 2, 4, 8], "dlgmd": [1.0, 1, 1, 1]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
+    tuning = made(tmp_path, values, peaks_of)
     panel = plot_tuning(tuning, models=["opplod"])[1][0]
     np.testing.assert_allclose(
         np.asarray(panel.images[0].get_array(), float), [[0.125, 0.5], [0.25, 1]]
@@ -143,8 +145,7 @@ def test_two_parameters_make_a_heat_map(tmp_path: Path) -> None:
 
 
 def test_one_number_makes_a_line(tmp_path: Path) -> None:
-    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [4.0, 2, 1]}))
+    tuning = made(tmp_path, L_OVER_V, {"opplod": [4.0, 2, 1]})
     panel = plot_tuning(tuning)[1][0]
     np.testing.assert_allclose(y_of(panel.lines[0]), [1, 0.5, 0.25])
     assert panel.get_xlabel() == "l/v (ms)"
@@ -152,23 +153,21 @@ def test_one_number_makes_a_line(tmp_path: Path) -> None:
 
 def test_large_peaks_have_no_exponent(tmp_path: Path) -> None:
     values = {"disk.size_deg": [10.0, 20, 30]}
-    path = write_tuning(tmp_path / "a.tuning.csv", values, {"hua_fixed": [5150.4, 2, 1]})
-    _, (panel,) = plot_tuning(read_tuning(path))
+    _, (panel,) = plot_tuning(made(tmp_path, values, {"hua_fixed": [5150.4, 2, 1]}))
     assert panel.get_legend_handles_labels()[1][0].startswith("Hua et al., largest peak 5,150 (")
 
 
 def test_a_line_goes_from_left_to_right_whatever_the_order_of_the_sweep(tmp_path: Path) -> None:
     values = {"disk.growth.l_over_v_ms": [40.0, 10, 20]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 4, 2]}))
+    tuning = made(tmp_path, values, {"opplod": [1.0, 4, 2]})
     (line,) = plot_tuning(tuning)[1][0].lines
     np.testing.assert_allclose(np.asarray(line.get_xdata()), [10, 20, 40])
     np.testing.assert_allclose(y_of(line), [1, 0.5, 0.25])
 
 
 def test_many_lines_leave_their_panel_room(tmp_path: Path) -> None:
-    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
     peaks = {name: [4.0, 2, 1] for name in list(detectors())[:6]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks))
+    tuning = made(tmp_path, L_OVER_V, peaks)
     figure, (panel,) = plot_tuning(tuning)
     figure.draw_without_rendering()
     assert panel.get_window_extent().height / figure.dpi > 1  # inches
@@ -181,11 +180,10 @@ SEVEN_AND_MANY = pytest.mark.parametrize("count", [7, pytest.param(19, marks=pyt
 
 @SEVEN_AND_MANY
 def test_more_than_six_lines_have_a_small_panel_each(count: int, tmp_path: Path) -> None:
-    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
     peaks = {name: [4.0, 2, 1] for name in list(detectors())[:count]}
-    path = write_tuning(tmp_path / "a.tuning.csv", values, peaks)
-    with_sidecar(path, {"doubts": [{"model": name, "note": "12 of 12 peaks"} for name in peaks]})
-    figure, panels = plot_tuning(read_tuning(path))
+    doubts = [{"model": name, "note": "12 of 12 peaks"} for name in peaks]
+    tuning = made(tmp_path, L_OVER_V, peaks, doubts=doubts)
+    figure, panels = plot_tuning(tuning)
     assert [len(panel.lines) for panel in panels] == [1] * count
     figure.draw_without_rendering()
     for panel in panels:
@@ -195,9 +193,9 @@ def test_more_than_six_lines_have_a_small_panel_each(count: int, tmp_path: Path)
 
 
 def test_a_line_that_means_little_is_thin_and_grey(tmp_path: Path) -> None:
-    path = write_tuning(tmp_path / "a.tuning.csv", {"disk.size_deg": [1.0, 2, 3, 4]}, PEAKS)
-    with_sidecar(path, {"doubts": [{"model": "dlgmd", "note": "below it"}]})
-    opplod, dlgmd = plot_tuning(read_tuning(path))[1][0].lines
+    doubts = [{"model": "dlgmd", "note": "below it"}]
+    tuning = made(tmp_path, {"disk.size_deg": [1.0, 2, 3, 4]}, PEAKS, doubts=doubts)
+    opplod, dlgmd = plot_tuning(tuning)[1][0].lines
     assert opplod.get_color() == detector_named("opplod").colour
     assert (dlgmd.get_color(), dlgmd.get_linewidth()) == (FAINT, 0.7)
 
@@ -205,26 +203,21 @@ def test_a_line_that_means_little_is_thin_and_grey(tmp_path: Path) -> None:
 def test_several_lines_that_mean_little_are_told_apart(tmp_path: Path) -> None:
     names = ["opplod", "dlgmd", "lgmd1_group", "lgmd2", "ci_lmd", "mlplc2"]
     peaks = {name: [4.0, 2, 1] for name in names}
-    path = write_tuning(tmp_path / "a.tuning.csv", {"disk.size_deg": [1.0, 2, 3]}, peaks)
-    with_sidecar(path, {"doubts": [{"model": name, "note": "below it"} for name in names]})
-    lines = plot_tuning(read_tuning(path))[1][0].lines
+    doubts = [{"model": name, "note": "below it"} for name in names]
+    tuning = made(tmp_path, {"disk.size_deg": [1.0, 2, 3]}, peaks, doubts=doubts)
+    lines = plot_tuning(tuning)[1][0].lines
     assert {line.get_color() for line in lines} == {FAINT}
     looks = {(vars(line)["_unscaled_dash_pattern"], line.get_fillstyle()) for line in lines}
     assert len(looks) == len(names)
 
 
-def with_sidecar(path: Path, content: dict[str, object]) -> None:
-    sidecar = path.with_suffix(".json")
-    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | content))
-
-
 @pytest.mark.parametrize("kind", ["polar", "line"])
 def test_the_foot_of_a_figure_says_how_it_was_measured(kind: str, tmp_path: Path) -> None:
-    path = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS)
-    before = plot_tuning(read_tuning(path), kind)[0]
+    before = plot_tuning(made(tmp_path, AXES, PEAKS), kind)[0]
     assert not any("preset" in text.get_text() for text in before.texts)
-    with_sidecar(path, {"preset": "paper", "height": 600, "changed": {"opplod.units": "1x1"}})
-    figure, (panel,) = plot_tuning(read_tuning(path), kind)
+    changed = {"opplod.units": "1x1"}
+    tuning = made(tmp_path, AXES, PEAKS, preset="paper", height=600, changed=changed)
+    figure, (panel,) = plot_tuning(tuning, kind)
     line = figure.texts[-1]
     assert line.get_text() == "preset paper, 600 px; opplod.units=1x1"
     figure.draw_without_rendering()
@@ -237,10 +230,10 @@ def test_the_foot_of_a_figure_says_how_it_was_measured(kind: str, tmp_path: Path
 @pytest.mark.parametrize("kind", ["polar", "line"])
 def test_the_foot_lies_below_the_label_of_small_panels(kind: str, tmp_path: Path) -> None:
     names = [name for name in detectors() if name != "opplod"][:7]
-    path = write_tuning(tmp_path / "a.tuning.csv", AXES, dict.fromkeys(names, PEAKS["opplod"]))
+    peaks = dict.fromkeys(names, PEAKS["opplod"])
     changed = {f"opplod.{letter * 9}": 1.5 for letter in "abcdefgh"}
-    with_sidecar(path, {"preset": "paper", "height": 600, "changed": changed})
-    figure, axes = plot_tuning(read_tuning(path), kind)
+    tuning = made(tmp_path, AXES, peaks, preset="paper", height=600, changed=changed)
+    figure, axes = plot_tuning(tuning, kind)
     figure.draw_without_rendering()
     foot = figure.texts[-1].get_window_extent()
     (label,) = (each for each in figure.findobj(Text) if each.get_text() == figure.get_supxlabel())
@@ -258,37 +251,33 @@ def test_the_foot_lies_below_the_label_of_small_panels(kind: str, tmp_path: Path
 def test_a_damaged_protocol_in_the_sidecar_is_left_out(
     kind: str, first: object, tmp_path: Path
 ) -> None:
-    path = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS)
     stimulus = {"name": "klapoetke2017/bar-expand-10", "first": first}
-    with_sidecar(path, {"preset": "paper", "stimulus": stimulus})
-    figure, _ = plot_tuning(read_tuning(path), kind)
+    figure, _ = plot_tuning(made(tmp_path, AXES, PEAKS, preset="paper", stimulus=stimulus), kind)
     assert figure.texts[-1].get_text() == "preset paper"
 
 
 def test_the_foot_names_the_changes_of_the_stimulus(tmp_path: Path) -> None:
-    path = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS)
     changes = {"bar.growth.speed_deg_s": 40, "bar.centre_deg": [0, 5], "bar.growth.sides": "both"}
-    with_sidecar(path, {"preset": "paper", "stimulus": {"name": "bar", "changes": changes}})
+    stimulus = {"name": "bar", "changes": changes}
     stated = "bar.growth.speed_deg_s=40; bar.centre_deg=[0, 5]; bar.growth.sides=both"
-    foot = plot_tuning(read_tuning(path))[0].texts[-1].get_text()
+    tuning = made(tmp_path, AXES, PEAKS, preset="paper", stimulus=stimulus)
+    foot = plot_tuning(tuning)[0].texts[-1].get_text()
     assert " ".join(foot.split()) == f"preset paper; {stated}"
 
 
 def test_a_sweep_of_one_row_is_a_line(tmp_path: Path) -> None:
     """The value that stays is told at the foot."""
     values = {"disk.speed_deg_s": [14.4] * 4, "disk.luminance": [0.0, 0.3, 0.6, 0.9]}
-    path = write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [4.0, 3, 2, 1]})
-    with_sidecar(path, {"preset": "reference", "height": 240})
-    figure, (panel,) = plot_tuning(read_tuning(path))
+    peaks = {"opplod": [4.0, 3, 2, 1]}
+    figure, (panel,) = plot_tuning(made(tmp_path, values, peaks, preset="reference", height=240))
     np.testing.assert_allclose(np.asarray(panel.lines[0].get_xdata(), float), [0, 0.3, 0.6, 0.9])
     assert figure.texts[-1].get_text() == "preset reference, 240 px; disk.speed_deg_s=14.4"
     places = {"d.centre_deg.right": [0.0, 5, 10, 15], "d.centre_deg.up": [0.0] * 4}
-    path = write_tuning(tmp_path / "b.tuning.csv", places, {"opplod": [4.0, 3, 2, 1]})
-    with_sidecar(path, {"figure": {"kind": "position"}})
-    assert plot_tuning(read_tuning(path))[1][0].get_xlabel() == "right (deg)"
+    tuning = made(tmp_path, places, peaks, figure={"kind": "position"})
+    assert plot_tuning(tuning)[1][0].get_xlabel() == "right (deg)"
     turned = {"bar.axis_deg": AXES["bar.axis_deg"], "bar.width_deg": [10.0] * 4}
-    table = read_tuning(write_tuning(tmp_path / "c.tuning.csv", turned, PEAKS, symmetric=True))
-    assert isinstance(plot_tuning(table)[1][0], PolarAxes)
+    tuning = made(tmp_path, turned, PEAKS, symmetric=True)
+    assert isinstance(plot_tuning(tuning)[1][0], PolarAxes)
 
 
 def test_the_line_through_the_times_of_peaks() -> None:
@@ -312,25 +301,22 @@ def test_the_limits_are_those_of_student() -> None:
 
 
 def test_peaks_before_contact_over_l_over_v(tmp_path: Path) -> None:
-    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
-    path = write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [4.0, 2, 1]})
+    tuning = made(tmp_path, L_OVER_V, {"opplod": [4.0, 2, 1]})
     with pytest.raises(ResultError, match="has no column 'peak_before_contact_s'; run oppload tu"):
-        plot_tuning(read_tuning(path), "contact")
-    tuning = read_tuning(path)
+        plot_tuning(tuning, "contact")
     tuning.rows["peak_before_contact_s"] = [0.01, 0.03, 0.07]
     panel = plot_tuning(tuning, "contact")[1][0]
     np.testing.assert_allclose(y_of(panel.lines[0]), [-10, 70], atol=1e-9)
     np.testing.assert_allclose(y_of(panel.lines[1]), [10, 30, 70])
     label = "OppLoD\nslope 2.00 ± 0.00 (53 deg, 53 to 53), delay 10 ± 0 ms"
     assert panel.get_legend_handles_labels()[1][0] == label
-    other = read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))
     with pytest.raises(ResultError, match="not l/v; for kind 'contact' run 'oppload tune --fig"):
-        plot_tuning(other, "contact")
+        plot_tuning(made(tmp_path, AXES, {"opplod": [1.0] * 4}), "contact")
 
 
 def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: Path) -> None:
     values = {"disk.size_deg": [5.0, 9]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2]}))
+    tuning = made(tmp_path, values, {"opplod": [1.0, 2]})
     with pytest.raises(ResultError, match=r"no column of a direction.*draw kind 'line'"):
         plot_tuning([tuning], "polar")
     with pytest.raises(ResultError, match=r"sweeps disk\.size_deg; a heat map needs two"):
@@ -341,20 +327,18 @@ def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: P
     with pytest.raises(ResultError, match=r"'effects\.invert' holds texts such as 'True'; a line"):
         plot_tuning(read_tuning(switch), "line")
     values = {"disk.growth.speed_deg_s": [10.0, 20], "disk.size_deg": [5.0, 9]}
-    both = read_tuning(write_tuning(tmp_path / "c.tuning.csv", values, {"opplod": [1.0, 2]}))
     with pytest.raises(ResultError, match=r"no column of a direction.*draw kind 'heat'"):
-        plot_tuning([both], "polar")
-    axes = read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))
+        plot_tuning(made(tmp_path, values, {"opplod": [1.0, 2]}), "polar")
+    axes = made(tmp_path, AXES, {"opplod": [1.0] * 4})
     for table in (tuning, axes):  # as a line, and as a polar plot
         with pytest.raises(ResultError, match="column 'model' never holds 'dlgmd'; leave it out"):
             plot_tuning(table, models=["dlgmd"])
 
 
 def test_a_classic_figure_of_another_kind_has_the_title_of_its_stimulus(tmp_path: Path) -> None:
-    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
-    path = write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [4.0, 2, 1]})
-    with_sidecar(path, {"figure": {"title": "Size at the peak", "kind": "contact"}})
-    (panel,) = plot_tuning(read_tuning(path), "line")[1]
+    figure = {"title": "Size at the peak", "kind": "contact"}
+    tuning = made(tmp_path, L_OVER_V, {"opplod": [4.0, 2, 1]}, figure=figure)
+    (panel,) = plot_tuning(tuning, "line")[1]
     assert panel.get_title("left") == "klapoetke2017/bar-expand-10"
 
 
@@ -373,7 +357,7 @@ def test_a_tuning_table_is_recognised_by_its_header(tmp_path: Path) -> None:
 def test_a_heat_map_over_several_decades_is_logarithmic(tmp_path: Path) -> None:
     values = {"disk.growth.speed_deg_s": [10.0, 10, 20, 20], "disk.size_deg": [5.0, 9, 5, 9]}
     peaks_of = {"opplod": [1e-9, 2e-3, 4e-2, 1.0], "dlgmd": [0.2, 0.5, 0.8, 1]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
+    tuning = made(tmp_path, values, peaks_of)
     _, (opplod, dlgmd) = plot_tuning(tuning)
     for panel in (opplod, dlgmd):  # both on one scale
         norm = panel.images[0].norm
@@ -389,7 +373,7 @@ def test_the_numbers_of_a_wide_heat_map_do_not_touch(tmp_path: Path) -> None:
     across = [float(angle) for angle in range(0, 180, 15)]
     values = {"bar.axis_deg": across * 2, "bar.width_deg": [10.0] * 12 + [60.0] * 12}
     peaks_of = {"opplod": [0.00123 * (at + 1) for at in range(24)]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
+    tuning = made(tmp_path, values, peaks_of)
     figure, (panel,) = plot_tuning(tuning)
     figure.draw_without_rendering()
     extents = [text.get_window_extent() for text in (*panel.texts, *panel.get_xticklabels())]
@@ -402,7 +386,7 @@ def test_the_numbers_of_a_wide_heat_map_do_not_touch(tmp_path: Path) -> None:
 def test_heat_maps_of_many_detectors_are_small_and_on_one_scale(count: int, tmp_path: Path) -> None:
     values = {"disk.speed_deg_s": [10.0, 10, 20, 20], "disk.size_deg": [5.0, 9, 5, 9]}
     peaks_of = {name: [1e-9, 0.5, 4.0, 1e4] for name in list(detectors())[:count]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
+    tuning = made(tmp_path, values, peaks_of)
     figure, axes = plot_tuning(tuning)
     figure.draw_without_rendering()
     assert len(axes) == count
@@ -421,7 +405,7 @@ def test_heat_maps_of_many_detectors_are_small_and_on_one_scale(count: int, tmp_
 def test_more_than_six_curves_have_a_polar_plot_each(count: int, tmp_path: Path) -> None:
     directions = {"bar.rotation_deg": [float(angle) for angle in range(0, 360, 45)]}
     peaks_of = {name: [0.5, 1, 0, 1, 1, 1, 1, 1] for name in list(detectors())[:count]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", directions, peaks_of))
+    tuning = made(tmp_path, directions, peaks_of)
     figure, axes = plot_tuning(tuning, lplc2="none")
     assert len(axes) == count
     figure.draw_without_rendering()
@@ -436,10 +420,10 @@ def test_more_than_six_curves_have_a_polar_plot_each(count: int, tmp_path: Path)
 @pytest.mark.parametrize(("count", "scale"), [(1, "peak"), (6, "peak"), (2, "raw"), (6, "raw")])
 def test_long_doubts_leave_a_polar_plot_its_room(count: int, scale: str, tmp_path: Path) -> None:
     peaks = {name: [1.0, 4, 1, 4] for name in list(detectors())[:count]}
-    path = write_tuning(tmp_path / "a.tuning.csv", AXES, peaks, symmetric=True)
     note = "no indicator and more than one unit: larger for bars than in LPLC2 neurons"
-    with_sidecar(path, {"doubts": [{"model": name, "note": note} for name in peaks]})
-    figure, panels = plot_tuning(read_tuning(path), scale=scale, lplc2="none")
+    doubts = [{"model": name, "note": note} for name in peaks]
+    tuning = made(tmp_path, AXES, peaks, symmetric=True, doubts=doubts)
+    figure, panels = plot_tuning(tuning, scale=scale, lplc2="none")
     figure.draw_without_rendering()
     for panel in panels:
         legend = panel.get_legend()
@@ -459,7 +443,7 @@ def test_long_doubts_leave_a_polar_plot_its_room(count: int, scale: str, tmp_pat
 def test_the_numbers_of_the_radius_are_where_no_curve_is(tmp_path: Path) -> None:
     directions = {"bar.rotation_deg": [float(angle) for angle in range(0, 360, 45)]}
     peaks_of = {"opplod": [1.0, 1, 1, 1, 0, 0, 1, 1]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", directions, peaks_of))
+    tuning = made(tmp_path, directions, peaks_of)
     _, (panel,) = plot_tuning(tuning, lplc2="none")
     assert isinstance(panel, PolarAxes)
     assert panel.get_rlabel_position() == pytest.approx(202.5)  # between 180 and 225 degrees
@@ -470,7 +454,7 @@ def test_the_numbers_of_the_radius_are_where_no_curve_is(tmp_path: Path) -> None
 
 
 def test_a_kind_that_is_not_known_is_refused(tmp_path: Path) -> None:
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS))
+    tuning = made(tmp_path, AXES, PEAKS)
     with pytest.raises(ParameterError, match="no kind 'lines' of a tuning plot; choose polar, "):
         plot_tuning(tuning, "lines")
 
@@ -486,8 +470,7 @@ def test_tables_are_named_by_what_differs(tmp_path: Path) -> None:
     tables: list[Tuning] = []
     for name in ("x/loom-bright", "x/loom-dark"):
         path = tmp_path / f"{len(tables)}.tuning.csv"
-        values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
-        tables.append(read_tuning(write_tuning(path, values, peaks_of, stimulus=name)))
+        tables.append(read_tuning(write_tuning(path, L_OVER_V, peaks_of, name=name)))
     assert read_tuning(str(tables[0].path)).path == tables[0].path  # a text is a path too
     _, (panel,) = plot_tuning(tables)
     names = [text.partition(":")[0] for text in panel.get_legend_handles_labels()[1]]
@@ -500,11 +483,9 @@ def test_an_indicator_is_part_of_the_name(tmp_path: Path) -> None:
     """In the names of tables where it differs, else in the title."""
     tables: list[Tuning] = []
     for number, seconds in enumerate((0.0, 1.0)):
-        (tmp_path / str(number)).mkdir()
-        path = tmp_path / str(number) / "a.tuning.csv"
-        write_tuning(path, AXES, {"opplod": [1.0, 4, 1, 4]})
-        with_sidecar(path, {"indicator_s": seconds})
-        tables.append(read_tuning(path))
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        tables.append(made(folder, AXES, {"opplod": [1.0, 4, 1, 4]}, indicator_s=seconds))
     _, (panel,) = plot_tuning(tables, lplc2="none")
     labels = [text.partition(", peak")[0] for text in panel.get_legend_handles_labels()[1]]
     assert labels == ["OppLoD, no indicator", "OppLoD, indicator of 1 s"]
@@ -542,19 +523,18 @@ def test_swept_parameters_have_their_unit(parameter: str, label: str) -> None:
                {"disk.size_deg": [4.0], "disk.growth.speed_deg_s": [10.0]}],
 )  # fmt: skip
 def test_one_condition_is_no_curve(values: dict[str, list[float]], tmp_path: Path) -> None:
-    path = write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0], "dlgmd": [2.0]})
+    tuning = made(tmp_path, values, {"opplod": [1.0], "dlgmd": [2.0]})
     with pytest.raises(ResultError, match="holds one condition, so that there is nothing to draw"):
-        plot_tuning(read_tuning(path))
+        plot_tuning(tuning)
 
 
 def presets(folder: Path, values: dict[str, list[float]]) -> list[Tuning]:
     """Two tables of OppLoD over the same values, of two presets."""
     tables = []
     for preset in ("reference", "lplc2"):
-        path = write_tuning(folder / f"{preset}.tuning.csv", values, {"opplod": [1.0, 2, 4, 4]})
-        first = {"display": {"background": 0.5}}
-        with_sidecar(path, {"stimulus": {"name": "x", "first": first}, "preset": preset})
-        tables.append(read_tuning(path))
+        stimulus = {"name": "x", "first": {"display": {"background": 0.5}}}
+        peaks = {"opplod": [1.0, 2, 4, 4]}
+        tables.append(made(folder, values, peaks, stimulus=stimulus, preset=preset))
         tables[-1].rows["peak_before_contact_s"] = [0.03, 0.05, 0.09, 0.11]
         tables[-1].rows["size_at_peak_deg"] = [40.0, 40, 40, 180]
     return tables
@@ -609,7 +589,7 @@ def test_names_along_a_heat_map_do_not_overlap(count: int, tmp_path: Path) -> No
     pairs = np.array(list(itertools.product(values, values))).T.tolist()
     swept = dict(zip(("disk.growth.speed_deg_s", "disk.growth.end_deg"), pairs, strict=True))
     peaks = dict.fromkeys(list(detectors())[:count], [1.0] * 900)
-    figure, axes = plot_tuning(read_tuning(write_tuning(tmp_path / "a.csv", swept, peaks)), "heat")
+    figure, axes = plot_tuning(made(tmp_path, swept, peaks), "heat")
     figure.draw_without_rendering()
     across = [label.get_window_extent() for label in axes[-1].get_xticklabels()]
     assert all(left.x1 < right.x0 for left, right in itertools.pairwise(across))
@@ -625,10 +605,10 @@ def test_the_titles_of_maps_of_positions_do_not_overlap(tmp_path: Path) -> None:
         for at, end in enumerate(("right", "up"))
     }
     names = ["opplod", "dlgmd"]
-    path = write_tuning(tmp_path / "a.csv", swept, dict.fromkeys(names, [1.0] * 5 + [0.0] * 4))
     note = "12 of 12 peaks at the start of the motion: no tuning"
-    with_sidecar(path, {"doubts": [{"model": name, "note": note} for name in names]})
-    figure, axes = plot_tuning(read_tuning(path), "position")
+    doubts = [{"model": name, "note": note} for name in names]
+    peaks = dict.fromkeys(names, [1.0] * 5 + [0.0] * 4)
+    figure, axes = plot_tuning(made(tmp_path, swept, peaks, doubts=doubts), "position")
     figure.draw_without_rendering()
     shown = {each.get_text(): each.get_window_extent() for each in figure.findobj(Text)}
     one, other = (shown[panel.get_title("left")] for panel in axes)
@@ -658,8 +638,7 @@ def test_a_rotated_scene_is_no_direction_of_motion(tmp_path: Path) -> None:
         ("scene.rotation_deg", "rotation of the scene"),
         ("bar.axis_deg", "direction of motion"),
     ):
-        path = write_tuning(tmp_path / "a.tuning.csv", {key: AXES["bar.axis_deg"]}, PEAKS)
-        tuning = read_tuning(path)
+        tuning = made(tmp_path, {key: AXES["bar.axis_deg"]}, PEAKS)
         _, (panel,) = plot_tuning(tuning)
         assert panel.get_xlabel() == f"radius: response / peak; angle: {angle}"
         names = [curve.name for curve in direction_tunings([tuning])]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
 HEADER = (
@@ -58,21 +59,25 @@ def write_result(path: Path, frames: int = 40, peak: int = 30) -> Path:
 
 def write_tuning(
     path: Path,
-    values: dict[str, list[float]],
+    values: Mapping[str, Sequence[float | str]],
     peaks: dict[str, list[float]],
     *,
     symmetric: bool = False,
-    stimulus: str = "klapoetke2017/bar-expand-10",
+    name: str = "klapoetke2017/bar-expand-10",
+    **sidecar: object,
 ) -> Path:
-    """Write a tuning.csv with its sidecar; one value per condition and parameter."""
+    """Write a tuning.csv with one value per condition and parameter, and its sidecar."""
     rows = []
     for index in range(len(next(iter(values.values())))):
-        condition = {name: f"{each[index]:g}" for name, each in values.items()}
+        condition = {
+            key: cell if isinstance(cell := each[index], str) else f"{cell:g}"
+            for key, each in values.items()
+        }
         for model, each in peaks.items():
             rows.append(
-                {"stimulus": f"{stimulus}/{index}", **condition}
+                {"stimulus": f"{name}/{index}", **condition}
                 | {"model": model, "peak": f"{each[index]:.9g}", "mean": "0.1"}
             )
-    content = {"stimulus": {"name": stimulus, "symmetric": symmetric}}
+    content = {"stimulus": {"name": name, "symmetric": symmetric}} | sidecar
     path.with_suffix(".json").write_text(json.dumps(content))
     return write_rows(path, rows)
