@@ -12,29 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.style import (
-    COLUMN,
-    FAINT,
-    FEW,
-    INK,
-    LEGEND_WIDTH,
-    MOST_HEIGHT,
-    PAGE,
-    SHADES,
-    TITLE_WIDTH,
-    begin_at_zero,
-    colour_bar,
-    described,
-    doubts_of,
-    edges_of,
-    first_stimulus,
-    looks_of,
-    panel_grid,
-    short_number,
-    styled_figure,
-    wrapped,
-    write_title,
-)
+from oppload_cli.plots import style
 from oppload_cli.reference import BOTH_ENDS_OVER_ONE
 
 if TYPE_CHECKING:
@@ -68,8 +46,8 @@ class TuningCurve(NamedTuple):
     @property
     def label(self) -> str:
         """The name with the largest peak, for a legend."""
-        largest = f"largest peak {short_number(self.largest)} ({self.detector.unit})"
-        return wrapped(f"{self.name}, {largest}{self.doubts}", LEGEND_WIDTH)
+        largest = f"largest peak {style.short_number(self.largest)} ({self.detector.unit})"
+        return style.wrapped(f"{self.name}, {largest}{self.doubts}", style.LEGEND_WIDTH)
 
 
 class Request(NamedTuple):
@@ -95,11 +73,11 @@ class Request(NamedTuple):
             for model in self.models or tuning.models
             if len(rows := tuning.of(model))
         ]
-        looks = looks_of([detector.name for _, detector, _, _ in shown])
+        looks = style.looks_of([detector.name for _, detector, _, _ in shown])
         curves = []
         for (tuning, detector, table, rows), look in zip(shown, looks, strict=True):
             peaks = rows["peak"].to_numpy(float)
-            name, doubts = table + detector.label, doubts_of(tuning, detector.name)
+            name, doubts = table + detector.label, style.doubts_of(tuning, detector.name)
             largest = float(peaks.max())
             curves.append(TuningCurve(tuning, detector, name, look, rows, peaks, largest, doubts))
         return curves
@@ -134,10 +112,10 @@ def _panels(
     The labels are those of the two axes, `shape` is the height of a panel over its width, and
     `above` is the height of the legend in inches.
     """
-    columns = min(count, 2 if count <= FEW else 4)
-    width = COLUMN if count <= FEW else PAGE
-    with styled_figure(width, MOST_HEIGHT) as figure:
-        axes = panel_grid(figure, count, columns, sharex=True, sharey=True)
+    columns = min(count, 2 if count <= style.FEW else 4)
+    width = style.COLUMN if count <= style.FEW else style.PAGE
+    with style.styled_figure(width, style.MOST_HEIGHT) as figure:
+        axes = style.panel_grid(figure, count, columns, sharex=True, sharey=True)
         for panel in axes[-columns:]:
             panel.set_xlabel(labels[0])
         for panel in axes[::columns]:
@@ -146,16 +124,16 @@ def _panels(
         lines = max(panel.get_title("left").count("\n") for panel in axes)
         rows = -(-count // columns)
         height = above + rows * (0.4 + 0.11 * lines + shape * (width - 0.5) / columns)
-        figure.set_figheight(min(MOST_HEIGHT, height))
+        figure.set_figheight(min(style.MOST_HEIGHT, height))
 
 
 @contextmanager
 def _single(request: Request, curves: Sequence[TuningCurve]) -> Iterator[tuple[Figure, Axes]]:
     """Make a figure with one panel; the legend is added after the caller has drawn the curves."""
-    few = len(curves) <= FEW
+    few = len(curves) <= style.FEW
     lines = sum(1 + curve.label.count("\n") for curve in curves)
     height = 2.2 + 0.14 * lines / (1 if few else 2)
-    with styled_figure(COLUMN if few else PAGE, height) as figure:
+    with style.styled_figure(style.COLUMN if few else style.PAGE, height) as figure:
         panel = figure.subplots()
         yield figure, panel
         legend_above(figure, panel, request.title, 1 if few else 2)
@@ -165,7 +143,7 @@ def legend_above(figure: Figure, axes: Axes, title: str, columns: int = 1) -> No
     """Write title and legend above the panels, so that they cover no point of a curve."""
     figure.legend(
         *axes.get_legend_handles_labels(), loc="outside upper left", ncols=columns,
-        title=wrapped(title, TITLE_WIDTH) or None, title_fontsize=8, alignment="left",
+        title=style.wrapped(title, style.TITLE_WIDTH) or None, title_fontsize=8, alignment="left",
         borderaxespad=0.1, handlelength=2.6,
     )  # fmt: skip
 
@@ -179,10 +157,10 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     tuning = curves[0].tuning
     wanted = "a position; run 'oppload tune --figure position'"
     right, up = (column_of(tuning, end, wanted, of=2) for end in (".right", ".up"))
-    across = _NARROWEST if len(curves) > 1 else TITLE_WIDTH
-    labels = (described(right), described(up))
+    across = _NARROWEST if len(curves) > 1 else style.TITLE_WIDTH
+    labels = (style.described(right), style.described(up))
     # Without the room for each line of the title, the panel would be drawn over the foot.
-    above = 0.25 + 0.14 * wrapped(request.title, TITLE_WIDTH).count("\n")
+    above = 0.25 + 0.14 * style.wrapped(request.title, style.TITLE_WIDTH).count("\n")
     with _panels(len(curves), labels, 0.85, above) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             cells = curve.rows.pivot_table(index=up, columns=right, values="peak")
@@ -191,16 +169,17 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
                 raise ResultError(f"{tuning.path}: its positions are no grid; draw kind 'heat'")
             share = share / (float(share.max()) or 1.0)
             x, y = cells.columns.to_numpy(float), cells.index.to_numpy(float)
+            edges = style.edges_of(x), style.edges_of(y)
             image = panel.pcolormesh(
-                edges_of(x), edges_of(y), share, cmap=SHADES, vmin=0, vmax=1, rasterized=True
+                *edges, share, cmap=style.SHADES, vmin=0, vmax=1, rasterized=True
             )
             panel.set_aspect("equal")
             if share.min() < _HALF <= share.max():
                 panel.contour(x, y, share, levels=[_HALF], colors="white", linewidths=0.9)
             label = f"{curve.name}{curve.doubts}\n{_half_distance(x, y, share)}"
-            panel.set_title(wrapped(label, across), fontsize=7)
-        write_title(figure, request.title)
-        colour_bar(figure, image, axes, "peak / largest peak", shrink=0.7, pad=0.02)
+            panel.set_title(style.wrapped(label, across), fontsize=7)
+        style.write_title(figure, request.title)
+        style.colour_bar(figure, image, axes, "peak / largest peak", shrink=0.7, pad=0.02)
     return figure, axes
 
 
@@ -245,8 +224,8 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
         raise ResultError(f"{tuning.path}: column '{sides}' never holds '{min(missing)}'")
     low, high = BOTH_ENDS_OVER_ONE
     note = f"\nboth / one in LPLC2 neurons: {low:.1f} to {high:.1f}" * request.published
-    across = _NARROW if len(curves) > 1 else TITLE_WIDTH
-    labels = (described(axis), "peak / largest peak")
+    across = _NARROW if len(curves) > 1 else style.TITLE_WIDTH
+    labels = (style.described(axis), "peak / largest peak")
     with _panels(len(curves), labels, 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             both, one = (
@@ -257,14 +236,14 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
             _draw_ends(panel, both, one, largest, curve.detector.colour)
             label = f"{curve.name}, peak {largest:.2g}\n({curve.detector.unit})\n"
             label += f"both / one {_both_over_one(both, one)}"
-            panel.set_title(wrapped(label + curve.doubts, across), fontsize=7)
+            panel.set_title(style.wrapped(label + curve.doubts, across), fontsize=7)
         # The panels share an axis, whose range is that of the last call: for the highest panel.
         for panel in sorted(axes, key=lambda panel: panel.dataLim.y1):
-            begin_at_zero(panel)
-        legend_above(figure, axes[0], wrapped(request.title, TITLE_WIDTH) + note)
+            style.begin_at_zero(panel)
+        legend_above(figure, axes[0], style.wrapped(request.title, style.TITLE_WIDTH) + note)
         for handle in figure.legends[0].legend_handles:
             if isinstance(handle, Line2D) and len(axes) > 1:  # for all colours
-                handle.set_color(INK)
+                handle.set_color(style.INK)
     return figure, axes
 
 
@@ -283,7 +262,7 @@ def _draw_ends(
     for label, peaks, each in (
         ("both ends", both, look),
         ("the end in the direction of the axis", one, open_look),
-        ("sum of the two single ends", total, {"color": INK, "lw": 0.9, "linestyle": ":"}),
+        ("sum of the two single ends", total, {"color": style.INK, "lw": 0.9, "linestyle": ":"}),
     ):
         shares = [peak / (largest or 1.0) for peak in peaks.values()]
         axes.plot(list(peaks), shares, label=label, **each)
@@ -339,8 +318,8 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
             order = np.argsort(x)
             share = y[order] / (curve.largest or 1.0)
             panel.plot(x[order], share, markersize=3, **curve.look, label=curve.label)
-        begin_at_zero(panel)
-        panel.axvline(0, color=FAINT, lw=0.7)
+        style.begin_at_zero(panel)
+        panel.axvline(0, color=style.FAINT, lw=0.7)
         panel.set_xlabel("contrast to the ground (%), below 0: darker")
         panel.set_ylabel("peak / largest peak")
     return figure, [panel]
@@ -351,7 +330,7 @@ def _contrast(tuning: Tuning, luminance: Series) -> Series:
 
     Raises ResultError if the luminance of the ground is not known, or the ground is black.
     """
-    first = first_stimulus(tuning)
+    first = style.first_stimulus(tuning)
     try:
         ground = float(first["display"]["background"])
         if first.get("effects", {}).get("invert"):
@@ -382,11 +361,11 @@ def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
             share = peaks / peaks[0]
             most = max(most, float(share.max()))
             # Markers of earlier curves are larger, so that curves in one place are all visible.
-            size = 3.0 + 2.0 * (len(curves) - 1 - number) * (len(curves) <= FEW)
+            size = 3.0 + 2.0 * (len(curves) - 1 - number) * (len(curves) <= style.FEW)
             label = f"{curve.name}: last / first {share[-1]:.3f}{curve.doubts}"
             panel.plot(
                 rows[column], share, markersize=size, **curve.look,
-                label=wrapped(label, LEGEND_WIDTH),
+                label=style.wrapped(label, style.LEGEND_WIDTH),
             )  # fmt: skip
         panel.set_ylim(0, 1.1 * most)
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))

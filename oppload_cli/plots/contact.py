@@ -9,21 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from oppload_cli.errors import ResultError, StimulusError
+from oppload_cli.plots import style
 from oppload_cli.plots.classic import Request, TuningCurve, column_of, legend_above
-from oppload_cli.plots.style import (
-    COLUMN,
-    DASHES,
-    FAINT,
-    FEW,
-    INK,
-    LEGEND_WIDTH,
-    MOST_HEIGHT,
-    PAGE,
-    described,
-    first_stimulus,
-    styled_figure,
-    wrapped,
-)
 from oppload_cli.reference import AngularThreshold, angular_thresholds
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.stimulus.geometry import Projection
@@ -157,7 +144,7 @@ def _peaks(curve: TuningCurve) -> tuple[Series, Series, Series | None]:
 def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the times of peaks before contact over l/v with a line, and the sizes at the peaks."""
     curves = request.curves()
-    few = len(curves) <= FEW
+    few = len(curves) <= style.FEW
     known = [_peaks(curve) for curve in curves]
     if not any(_has_contact(curve) for curve in curves):
         raise ResultError(
@@ -167,7 +154,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     sized = any(sizes is not None for *_, sizes in known)
     lines = len(curves) * (2 if few else 0.5) + 8 * request.published
     height = 2.0 + 1.3 * sized + 0.14 * lines
-    with styled_figure(COLUMN if few else PAGE, height) as figure:
+    with style.styled_figure(style.COLUMN if few else style.PAGE, height) as figure:
         heights = (1.6, 1)[: 1 + sized]
         grid = figure.subplots(1 + sized, 1, squeeze=False, sharex=True, height_ratios=heights)
         axes = list(grid[:, 0])
@@ -194,18 +181,18 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
             axes[-1].set_ylabel("size at peak (deg)")
             axes[-1].set_ylim(0, 190)  # above 180, so that no point is cut
             axes[-1].set_yticks(range(0, 181, 45))
-        axes[-1].set_xlabel(described("l_over_v_ms"))
+        axes[-1].set_xlabel(style.described("l_over_v_ms"))
         axes[-1].set_xlim(left=0)
         if top is not None and axes[0].get_ylim()[1] > top:
             axes[0].set_ylim(-top / 8, top)
         legend_above(figure, axes[0], request.title, 1 if few else 2)
-        figure.set_figheight(min(MOST_HEIGHT, height + 0.14 * more / (1 if few else 2)))
+        figure.set_figheight(min(style.MOST_HEIGHT, height + 0.14 * more / (1 if few else 2)))
     return figure, axes
 
 
 def _label(curve: TuningCurve, fit: PeakTimes | None, *, few: bool, above: bool) -> str:
     """Return the text of a curve in the legend; that of many curves has room for few words."""
-    label = wrapped(curve.name, LEGEND_WIDTH)
+    label = style.wrapped(curve.name, style.LEGEND_WIDTH)
     if fit and few:
         label += f"\n{fit.text}"
     elif fit:
@@ -213,7 +200,7 @@ def _label(curve: TuningCurve, fit: PeakTimes | None, *, few: bool, above: bool)
     if above:
         label += " (above)"
     if few and curve.doubts:
-        label += f"\n{wrapped(curve.doubts, LEGEND_WIDTH)}"
+        label += f"\n{style.wrapped(curve.doubts, style.LEGEND_WIDTH)}"
     return label
 
 
@@ -230,7 +217,7 @@ def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | 
     if len(np.unique(l_over_v_ms)) < 3:
         return None
     try:
-        step = float(1 / Fraction(first_stimulus(tuning)["display"]["frame_rate"]))
+        step = float(1 / Fraction(style.first_stimulus(tuning)["display"]["frame_rate"]))
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         step = 0.0
     return PeakTimes.through(l_over_v_ms / 1000, before_s, step)
@@ -258,7 +245,7 @@ def _draw_field(axes: Sequence[Axes], tuning: Tuning) -> None:
         return
     slope = 1 / math.tan(math.radians(largest / 2))
     x = axes[0].get_xlim()[1]
-    look: dict[str, Any] = {"color": FAINT, "lw": 0.7, "linestyle": DASHES[1]}
+    look: dict[str, Any] = {"color": style.FAINT, "lw": 0.7, "linestyle": style.DASHES[1]}
     label = f"object fills the display or stops growing: {largest:.0f} deg"
     axes[0].plot([0, x], [0, slope * x], **look, label=label)
     axes[0].set_xlim(right=x)
@@ -268,7 +255,7 @@ def _draw_field(axes: Sequence[Axes], tuning: Tuning) -> None:
 
 def _largest_angle(tuning: Tuning) -> float | None:
     """Return the smaller of two angles: of the display, and at which the object stops growing."""
-    first = first_stimulus(tuning)
+    first = style.first_stimulus(tuning)
     try:
         display = Display.from_table(first["display"], "display")
         half = min(display.width, display.height) / 2
@@ -289,13 +276,13 @@ def _draw_published(axes: Sequence[Axes], longest: float) -> None:
         if kind == "upper limit":
             low = peaks[neuron, "lower limit"]
             early = low.slope * x - low.delay_ms
-            shade: dict[str, Any] = {"color": FAINT, "alpha": 0.25, "lw": 0}
+            shade: dict[str, Any] = {"color": style.FAINT, "alpha": 0.25, "lw": 0}
             axes[0].fill_between(x, line, early, **shade, zorder=0, label=_named(each, low))
             if len(axes) > 1:
                 axes[1].axhspan(low.angle_deg, each.angle_deg, **shade, zorder=0)
         elif kind != "lower limit":
-            look: dict[str, Any] = {"color": INK, "lw": 0.8, "zorder": 1}
-            look["linestyle"] = DASHES[1 + (kind != "example")]
+            look: dict[str, Any] = {"color": style.INK, "lw": 0.8, "zorder": 1}
+            look["linestyle"] = style.DASHES[1 + (kind != "example")]
             axes[0].plot(x, line, **look, label=_named(each))
             if len(axes) > 1:
                 axes[1].axhline(each.angle_deg, **look)
@@ -308,4 +295,5 @@ def _named(peak: AngularThreshold, low: AngularThreshold | None = None) -> str:
     kind = "range over animals" if low else peak.kind
     angle = f"{low.angle_deg:g} to {peak.angle_deg:g}" if low else f"{peak.angle_deg:g}"
     delay = f"{low.delay_ms:g} to {peak.delay_ms:g}" if low else f"{peak.delay_ms:g}"
-    return wrapped(f"{peak.neuron}, {kind}\n{angle} deg, {delay} ms ({study})", LEGEND_WIDTH)
+    text = f"{peak.neuron}, {kind}\n{angle} deg, {delay} ms ({study})"
+    return style.wrapped(text, style.LEGEND_WIDTH)

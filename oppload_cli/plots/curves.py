@@ -12,6 +12,7 @@ from matplotlib.ticker import NullFormatter
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
+from oppload_cli.plots import style
 from oppload_cli.plots.panels import (
     FLOOR,
     NOT_DOTTED,
@@ -22,28 +23,6 @@ from oppload_cli.plots.panels import (
     log_axis,
     panels_of,
     shared_truth,
-)
-from oppload_cli.plots.style import (
-    COLUMN,
-    DASHES,
-    FAINT,
-    INK,
-    LEGEND_WIDTH,
-    MOST_HEIGHT,
-    PAGE,
-    SHADES,
-    TITLE_WIDTH,
-    as_list,
-    check_xlim,
-    colour_bar,
-    names_in,
-    norm_of,
-    panel_grid,
-    plain,
-    short_number,
-    styled_figure,
-    wrapped,
-    write_title,
 )
 from oppload_cli.results.reading import BaseResult
 from oppload_cli.results.truths import sizes_in
@@ -139,7 +118,7 @@ def plot_curves(
     >>> panel.get_ylabel(), truth.get_xlabel()
     ('response / alarm threshold', 'time from contact (s)')
     """
-    results = as_list(results, BaseResult)
+    results = style.as_list(results, BaseResult)
     if scale not in SCALES:
         raise ParameterError(f"no scale '{scale}'; choose {', '.join(SCALES)}")
     if align not in {None, "contact"}:
@@ -151,11 +130,11 @@ def plot_curves(
                 f"({len(results)})"
             )
     options = CurveOptions(
-        names_in(models), scale, align, xlim, title, tuple(labels), dict(marks or {}), threshold,
-        any_length,
+        style.names_in(models), scale, align, xlim, title, tuple(labels), dict(marks or {}),
+        threshold, any_length,
     )  # fmt: skip
     panels = panels_of(results, options)
-    check_xlim([curve.time for curves in panels for curve in curves], xlim)
+    style.check_xlim([curve.time for curves in panels for curve in curves], xlim)
     if sum(map(len, panels)) <= _MOST_CURVES or axes is not None:
         return _draw_few(panels, options.with_bars(panels), axes)
     if len(results) <= _MOST_PANELS:
@@ -186,7 +165,7 @@ def _draw_few(
     heights: list[float] = []
     for curves, strip in zip(panels, strips, strict=True):
         heights += [1.75 + 0.12 * len(curves), *([] if strip is None else [0.62])]
-    with styled_figure(COLUMN, 1) as figure:
+    with style.styled_figure(style.COLUMN, 1) as figure:
         axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
         remaining, lines = iter(axes), 0
         one_time = _of_like_length(panels)
@@ -206,8 +185,8 @@ def _draw_few(
         for panel, curves in zip(drawn, panels, strict=True):
             draw_marks(panel, curves, options)
         axes[-1].set_xlabel(options.time_label)
-        figure.set_figheight(min(MOST_HEIGHT, 0.2 + sum(heights) + _LINE * lines))
-        write_title(figure, options.title if len(panels) > 1 else None)
+        figure.set_figheight(min(style.MOST_HEIGHT, 0.2 + sum(heights) + _LINE * lines))
+        style.write_title(figure, options.title if len(panels) > 1 else None)
     return figure, axes
 
 
@@ -261,7 +240,7 @@ def _draw_panel(
     """
     scale = options.scale_of(curves)
     for note in draw_curves(axes, curves, options, scale):
-        axes.plot([], [], linestyle="none", label=wrapped(note, LEGEND_WIDTH))
+        axes.plot([], [], linestyle="none", label=style.wrapped(note, style.LEGEND_WIDTH))
     axes.set_ylabel(_value_label(scale, curves[0]))
     if title is None:
         axes.legend(fontsize="small")
@@ -269,7 +248,7 @@ def _draw_panel(
         return 0
     texts: list[str] = axes.get_legend_handles_labels()[1]
     lines = sum(each.count("\n") + 1 for each in texts)
-    axes.set_title(wrapped(title, TITLE_WIDTH), pad=4 + 9 * lines)
+    axes.set_title(style.wrapped(title, style.TITLE_WIDTH), pad=4 + 9 * lines)
     legend = axes.legend(
         loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1,
         labelspacing=0.25, handlelength=1.8,
@@ -285,21 +264,21 @@ def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
     looming = np.array([bool(frame["looming"]) for frame in frames])
     sizes = sizes_in(frames)
     for number, (name, size) in enumerate(sizes.items()):
-        dash, label = DASHES[number % len(DASHES)], wrapped(name, _NAME_WIDTH)
-        axes.plot(time, np.array(size, float), color=INK, lw=1, linestyle=dash, label=label)
-    if 1 < len(sizes) <= len(DASHES):
+        dash, label = style.DASHES[number % len(style.DASHES)], style.wrapped(name, _NAME_WIDTH)
+        axes.plot(time, np.array(size, float), color=style.INK, lw=1, linestyle=dash, label=label)
+    if 1 < len(sizes) <= len(style.DASHES):
         axes.legend(
             loc="lower left", bbox_to_anchor=(0, 1), ncols=len(sizes), borderaxespad=0.1,
             borderpad=0.1, fontsize=6, handlelength=2.2, columnspacing=1,
         )  # fmt: skip
     axes.set_ylim(bottom=0)
     axes.fill_between(
-        time, 0, 1, where=looming, transform=axes.get_xaxis_transform(), color=FAINT, alpha=0.25,
-        lw=0, step="mid",
+        time, 0, 1, where=looming, transform=axes.get_xaxis_transform(), color=style.FAINT,
+        alpha=0.25, lw=0, step="mid",
     )  # fmt: skip
     axes.set_ylabel("size (deg)")
     if looming.any():
-        axes.set_title("grey: looming", loc="right", fontsize=6, color=INK, pad=2)
+        axes.set_title("grey: looming", loc="right", fontsize=6, color=style.INK, pad=2)
 
 
 def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
@@ -329,10 +308,10 @@ def _draw_multiples(
     rows = -(-len(panels) // columns)
     scales = [options.scale_of(curves) for curves in panels]
     scale = scales[0] if len(set(scales)) == 1 else options.scale
-    with styled_figure(PAGE, 0.6 + 1.35 * rows) as figure:
+    with style.styled_figure(style.PAGE, 0.6 + 1.35 * rows) as figure:
         shared = scale != "raw" and len(set(scales)) == 1
         one_time = _of_like_length(panels)
-        axes = panel_grid(figure, len(panels), columns, sharex=one_time, sharey=shared)
+        axes = style.panel_grid(figure, len(panels), columns, sharex=one_time, sharey=shared)
         several = len({curves[0].number for curves in panels}) > 1
         notes: dict[str, None] = {}
         top = 0.0
@@ -348,7 +327,8 @@ def _draw_multiples(
                 top = max(top, panel.get_ylim()[1])
             else:
                 text += ", divided by its peak: no threshold"
-            panel.set_title(wrapped(text + unit, TITLE_WIDTH * 5 // 7), fontsize=6.8, pad=2)
+            text = style.wrapped(text + unit, style.TITLE_WIDTH * 5 // 7)
+            panel.set_title(text, fontsize=6.8, pad=2)
             panel.tick_params(labelsize=6)
         for panel, curves, own_scale in zip(axes, panels, scales, strict=True):
             if own_scale == "threshold":
@@ -359,7 +339,7 @@ def _draw_multiples(
         shown_notes = [note for note in notes if "above the panel" not in note]
         if len(shown_notes) < len(notes):
             shown_notes.append(NOT_DOTTED)
-        _legend(figure, legend, shown_notes, wrapped(title, 2 * TITLE_WIDTH))
+        _legend(figure, legend, shown_notes, style.wrapped(title, 2 * style.TITLE_WIDTH))
         label = "response" * any(units) or _value_label(scale, panels[0][0])
         if rows == 1:  # in two lines, as one line would be longer than the panel is high
             axes[0].set_ylabel(label.replace(" / ", " /\n").replace(" (", "\n("))
@@ -382,7 +362,7 @@ def _value_label(scale: str, curve: Curve) -> str:
     return {
         "threshold": "response / alarm threshold",
         "peak": "response / peak",
-        "raw": f"response ({plain(unit)})",
+        "raw": f"response ({style.plain(unit)})",
     }[scale]
 
 
@@ -391,13 +371,14 @@ def _legend(
 ) -> None:
     """Write the title, the colours of the detectors and the notes above all panels."""
     lines = {
-        curve.name: Line2D([], [], color=curve.colour, ls=curve.dash, label=plain(curve.name))
+        curve.name: Line2D([], [], color=curve.colour, ls=curve.dash, label=style.plain(curve.name))
         for curves in panels
         for curve in curves
     }
     # The page has room for four columns of short names, or three columns with notes.
     columns = 3 if notes else 4
-    blank = [Line2D([], [], linestyle="none", label=wrapped(note, _NOTE_WIDTH)) for note in notes]
+    texts = [style.wrapped(note, _NOTE_WIDTH) for note in notes]
+    blank = [Line2D([], [], linestyle="none", label=text) for text in texts]
     entries = [*lines.values(), *blank]
     figure.legend(
         handles=entries, loc="outside upper left", ncols=columns,
@@ -408,7 +389,7 @@ def _legend(
     texts = [str(entry.get_label()) for entry in entries]
     most = max("\n".join(texts[at : at + rows]).count("\n") for at in range(0, len(texts), rows))
     more = _LINE * 1.5 * most
-    figure.set_figheight(min(MOST_HEIGHT, figure.get_figheight() + more))
+    figure.set_figheight(min(style.MOST_HEIGHT, figure.get_figheight() + more))
 
 
 def _draw_heat(
@@ -426,15 +407,15 @@ def _draw_heat(
     lines = -(-len(detectors) // _MOST_MAPS)
     columns = -(-len(detectors) // lines)
     height = 1.2 + 0.15 * len(rows) * lines
-    with styled_figure(PAGE, height) as figure:
-        axes = panel_grid(figure, len(detectors), columns, sharex=lines > 1, sharey=True)
+    with style.styled_figure(style.PAGE, height) as figure:
+        axes = style.panel_grid(figure, len(detectors), columns, sharex=lines > 1, sharey=True)
         ends = min(each.time[0] for each in curves), max(each.time[-1] for each in curves)
         images = []
         for panel, detector in zip(axes, detectors, strict=True):
             cells = [row.get(detector) for row in rows]
             images.append(_draw_rows(panel, cells, options.xlim or ends, scale))
             panel.set_title(
-                plain(detector_named(detector).label), fontsize=8 if lines == 1 else 6.8
+                style.plain(detector_named(detector).label), fontsize=8 if lines == 1 else 6.8
             )
             if options.align:
                 panel.axvline(0, color="white", lw=0.7, linestyle=(0, (4, 2)))
@@ -449,7 +430,8 @@ def _draw_heat(
                 bar.ax.xaxis.label.set_fontsize(5.2)
         _write_names(axes[::columns], names)
         if options.title:
-            figure.suptitle(wrapped(options.title, 2 * TITLE_WIDTH), fontsize=8, x=0.01, ha="left")
+            title = style.wrapped(options.title, 2 * style.TITLE_WIDTH)
+            figure.suptitle(title, fontsize=8, x=0.01, ha="left")
     return figure, axes
 
 
@@ -458,7 +440,8 @@ def _write_names(axes: Sequence[Axes], names: Sequence[str]) -> None:
     # Lines of maps have their titles and perhaps colour bars between them.
     step = -(-len(names) // (_MOST_NAMES // (2 * len(axes) - 1)))
     shown = range(0, len(names), step)
-    texts = [wrapped(name, max(36, len(name) // 2 + 8)) for name in names]  # two lines at most
+    # Two lines at most.
+    texts = [style.wrapped(name, max(36, len(name) // 2 + 8)) for name in names]
     axes[0].set_yticks(shown, [texts[at] for at in shown])
     for panel in axes:
         panel.tick_params(axis="y", labelsize=6, length=0)
@@ -482,7 +465,7 @@ def _draw_rows(
                 axes.plot([start, start + duration], [row + 0.36] * 2, color=_ALARM, lw=1.6,
                           solid_capstyle="butt")  # fmt: skip
     image = axes.imshow(
-        values, aspect="auto", cmap=SHADES, interpolation="nearest",
+        values, aspect="auto", cmap=style.SHADES, interpolation="nearest",
         extent=(*ends, len(curves) - 0.5, -0.5),
     )  # fmt: skip
     axes.set_xlim(ends)
@@ -493,11 +476,11 @@ def _draw_bar(figure: Figure, images: Sequence[AxesImage], label: str, scale: st
     """Give heat maps one scale of colours, and draw its colour bar below them."""
     thresholded = scale == "threshold"
     values = np.concatenate([np.asarray(image.get_array()).ravel() for image in images])
-    norm = LogNorm(FLOOR, 100, clip=True) if thresholded else norm_of(values)
+    norm = LogNorm(FLOOR, 100, clip=True) if thresholded else style.norm_of(values)
     for image in images:
         image.set_norm(norm)
     maps = [image.axes for image in images]
-    bar = colour_bar(
+    bar = style.colour_bar(
         figure, images[0], maps, f"{label}\nline in a row: alarm on", orientation="horizontal",
         pad=0.02, aspect=30,
     )  # fmt: skip
@@ -518,7 +501,7 @@ def _write_few_numbers(bar: Colorbar) -> None:
     if len(powers) == 1:
         numbers = [share * 10.0 ** float(powers[0]) for share in (0.3, 1, 3)]
         ticks = [number for number in numbers if first <= number <= last]
-        bar.set_ticks(ticks, labels=[short_number(tick) for tick in ticks])
+        bar.set_ticks(ticks, labels=[style.short_number(tick) for tick in ticks])
         bar.ax.xaxis.set_minor_formatter(NullFormatter())
 
 

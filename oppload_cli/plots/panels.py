@@ -12,15 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.style import (
-    INK,
-    LEGEND_WIDTH,
-    in_number_order,
-    labels_of,
-    looks_of,
-    short_number,
-    wrapped,
-)
+from oppload_cli.plots import style
 from oppload_cli.results.alarms import uncounted, uncounted_in
 from oppload_cli.results.reading import alarm_rows, known_threshold
 from oppload_cli.results.truths import contacts_of, stated_contact, usable_truth
@@ -148,14 +140,14 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
     detectors = [options.models or result.models for result in results]
     for result, names in zip(results, detectors, strict=True):
         result.need_responses(names)
-    labels = labels_of(results, options.labels)
+    labels = style.labels_of(results, options.labels)
     groups = [
         _curves_of_result(results[at], at, labels[at], detectors[at], options)
-        for at in in_number_order(labels)
+        for at in style.in_number_order(labels)
     ]
     if len(results) > 1 and len(set(detectors)) == 1 and len(detectors[0]) == 1:
         curves = [curve for group in groups for curve in group]
-        looks = looks_of([curve.detector for curve in curves])
+        looks = style.looks_of([curve.detector for curve in curves])
         named = [
             replace(each, name=each.result_name, colour=look["color"], dash=look["linestyle"])
             for each, look in zip(curves, looks, strict=True)
@@ -172,7 +164,7 @@ def _curves_of_result(
     """Return the curves of the detectors in result number `at`, as they look in one panel."""
     truth = usable_truth(result)
     zero_s = _contact(result, truth, options.marks.get("contact"), at) if options.align else 0.0
-    shown = () if options.scale == "raw" else looks_of(names)  # else in a panel of its own
+    shown = () if options.scale == "raw" else style.looks_of(names)  # else in a panel of its own
     dashes = [look["linestyle"] for look in shown] or ["-"] * len(names)
     return [
         Curve(result, at, label, each.name, each.label, each.colour, truth, zero_s, dash)
@@ -217,7 +209,7 @@ def draw_curves(
     bars_height = _BAR_STEP * len(bars)
     if scale == "threshold":
         if options.threshold:
-            axes.axhline(1, color=INK, lw=0.9)
+            axes.axhline(1, color=style.INK, lw=0.9)
         log_axis(axes, max(10.0, 3 * largest) * 10 ** (4 * bars_height))
     elif largest > 0:
         axes.set_ylim(-0.03 * largest, _HEADROOM * largest * (1 + bars_height))
@@ -253,7 +245,7 @@ def _draw_alarms(axes: Axes, curve: Curve, height: float | None) -> None:
 
 def _draw_curve(axes: Axes, curve: Curve, value: Series, scale: str, order: int) -> None:
     look: dict[str, Any] = {"color": curve.colour, "linestyle": curve.dash}
-    name = wrapped(curve.name, LEGEND_WIDTH)
+    name = style.wrapped(curve.name, style.LEGEND_WIDTH)
     if np.nanmax(curve.response) <= 0:
         shown = np.where(np.isnan(value), np.nan, FLOOR) if scale == "threshold" else value
         axes.plot(curve.time, shown, **look, label=f"{name}, no response")
@@ -261,7 +253,8 @@ def _draw_curve(axes: Axes, curve: Curve, value: Series, scale: str, order: int)
     best = int(np.nanargmax(value))
     largest, time = float(value[best]), curve.time
     shown = np.maximum(value, FLOOR) if scale == "threshold" else value
-    axes.plot(time, shown, **look, label=wrapped(_described(curve, scale, best), LEGEND_WIDTH))
+    label = style.wrapped(_described(curve, scale, best), style.LEGEND_WIDTH)
+    axes.plot(time, shown, **look, label=label)
     if scale == "threshold" and largest < FLOOR:
         return
     # Hollow rings of two sizes, so that two peaks in one place are both visible.
@@ -276,14 +269,14 @@ def _described(curve: Curve, scale: str, best: int) -> str:
     """Return a curve's line in the legend: its name, its peak and the time of the peak."""
     peak, value = float(curve.response[best]), float(curve.scaled(scale)[best])
     time = float(curve.time[best])
-    when = f"{time:.2f} s" if curve.zero_s else f"{short_number(time)} s"
+    when = f"{time:.2f} s" if curve.zero_s else f"{style.short_number(time)} s"
     if scale == "threshold" and value < FLOOR:
         return f"{curve.name}, below {FLOOR:g} of the threshold"
-    multiple = f"{short_number(value)} times threshold"
-    height = multiple if scale == "threshold" else f"peak {short_number(peak)}"
+    multiple = f"{style.short_number(value)} times threshold"
+    height = multiple if scale == "threshold" else f"peak {style.short_number(peak)}"
     text = f"{curve.name}, {height} at {when}"
     frame = f" (frame {int(curve.result.frames['frame'].iloc[best])})"
-    fits = len(text + frame) <= LEGEND_WIDTH and not curve.zero_s
+    fits = len(text + frame) <= style.LEGEND_WIDTH and not curve.zero_s
     return text + frame if fits else text
 
 
@@ -298,7 +291,7 @@ def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:
     over = peak if scale == "peak" else 1.0
     shown = np.where(threshold > _HEADROOM * peak, np.nan, threshold) / over
     if not np.isfinite(shown).any():
-        times = short_number(float(np.nanmin(threshold)) / peak)
+        times = style.short_number(float(np.nanmin(threshold)) / peak)
         return [f"threshold of {label} above the panel: {times} times the peak or more"]
     axes.plot(
         curve.time, shown, color=curve.colour, lw=0.8, linestyle=(0, (1, 1)), drawstyle="steps-mid"
@@ -343,17 +336,17 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
         known = {c: time - c.zero_s for c, time in times.items() if time is not None}
         same_time = len({round(time, 6) for time in known.values()}) == 1
         for curve, time in known.items():
-            draw_line(time, INK if same_time else curve.colour)
+            draw_line(time, style.INK if same_time else curve.colour)
         if not known or (label == "contact" and options.align):  # the axis label says it
             continue
         time = next(iter(known.values()))
         text = f"{label}s" if label == "contact" and other_contacts else label
         if not first <= time <= last:
-            text = f"{label} at {short_number(time)} s"
+            text = f"{label} at {style.short_number(time)} s"
         share = min(max((time - first) / (last - first), 0.0), 1.0)
         _write_mark(axes[0], text, share, 1 - below, taken=taken, lines=lines)
     for time in other_contacts:
-        draw_line(time, INK)
+        draw_line(time, style.INK)
     axes[0].set_xlim(first, last)
 
 
@@ -381,7 +374,7 @@ def _write_mark(
     axes.annotate(
         text, (share, top), xycoords="axes fraction",
         xytext=(2 if right else -2, -1 - _ROW_POINTS * place.row), textcoords="offset points",
-        ha="left" if right else "right", va="top", fontsize=6, color=INK,
+        ha="left" if right else "right", va="top", fontsize=6, color=style.INK,
         rotation=90 if upright else 0,
     )  # fmt: skip
 

@@ -10,15 +10,7 @@ from matplotlib.patches import Rectangle
 from oppload_cli.errors import ResultError, SourceError
 from oppload_cli.models.detector import Box, Detector
 from oppload_cli.models.registry import detector_named, detectors, placing_detector
-from oppload_cli.plots.style import (
-    COLUMN,
-    INK,
-    SHADES,
-    TITLE_WIDTH,
-    check_drawn,
-    styled_figure,
-    wrapped,
-)
+from oppload_cli.plots import style
 from oppload_cli.results.alarms import times
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import BaseResult, find_video, known_threshold
@@ -115,7 +107,7 @@ def plot_places(
     >>> panel.get_xlabel()
     'x (px)'
     """
-    check_drawn(result, BaseResult)
+    style.check_drawn(result, BaseResult)
     detector = _detector(result, model)
     places = [f"{detector.name}_{name}" for name in ("unit_x", "unit_y", *Box._fields)]
     result.need(places)
@@ -131,12 +123,13 @@ def plot_places(
     shown = np.isfinite(x) & (response >= _WEAKEST * response[best])
     time = result.frames["time_s"].to_numpy(float)
     rows, columns = _size(result, detector, still)
-    with styled_figure(COLUMN, 0.85 + min(4.5, (COLUMN - 0.5) * rows / columns)) as figure:
+    height = 0.85 + min(4.5, (style.COLUMN - 0.5) * rows / columns)
+    with style.styled_figure(style.COLUMN, height) as figure:
         axes = figure.subplots()
         if still is not None:
             axes.imshow(still, cmap="gray", vmin=-0.4, vmax=1.1, extent=(0, columns, rows, 0))
         dots = axes.scatter(
-            x[shown], y[shown], c=time[shown], cmap=SHADES,
+            x[shown], y[shown], c=time[shown], cmap=style.SHADES,
             s=6 + 60 * response[shown] / response[best], edgecolors="white", linewidths=0.25,
         )  # fmt: skip
         frame = int(result.frames["frame"].iloc[best])
@@ -148,12 +141,12 @@ def plot_places(
         box_text = "box: looming object" if np.isfinite(left) else "no looming object"
         text = f"{title or result.title}\n{detector.label}, peak in frame {frame}; {box_text}"
         text += _over_threshold(result, detector.name, best)
-        axes.set_title(wrapped(text, TITLE_WIDTH), fontsize=7)
+        axes.set_title(style.wrapped(text, style.TITLE_WIDTH), fontsize=7)
         axes.set(
             xlim=(0, columns), ylim=(rows, 0), xlabel="x (px)", ylabel="y (px)", aspect="equal"
         )
         bar = figure.colorbar(dots, ax=axes, orientation="horizontal", pad=0.02, aspect=40)
-        bar.set_label("time (s); area of a dot: response", color=INK)
+        bar.set_label("time (s); area of a dot: response", color=style.INK)
     return figure, [axes]
 
 

@@ -12,24 +12,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import alarm_floor_of, detector_named, is_rounding_error
-from oppload_cli.plots.style import (
-    COLUMN,
-    FAINT,
-    LEGEND_WIDTH,
-    LPLC2,
-    PAGE,
-    TITLE_WIDTH,
-    doubts_of,
-    first_stimulus,
-    labels_of,
-    looks_of,
-    panel_grid,
-    plain,
-    short_number,
-    styled_figure,
-    wrapped,
-    write_title,
-)
+from oppload_cli.plots import style
 from oppload_cli.reference import BAR_WIDTHS, bar_tuning
 from oppload_cli.stimulus.catalogue import entries
 
@@ -129,7 +112,7 @@ class DirectionTuning:
     def about(self) -> str:
         """The peak and its unit in words."""
         peak = self.numbers.peak
-        return f"peak {short_number(peak)} ({self.unit})" if peak > 0 else "no response"
+        return f"peak {style.short_number(peak)} ({self.unit})" if peak > 0 else "no response"
 
     def line(self) -> str:
         """Return the numbers in one line, for standard output."""
@@ -166,13 +149,13 @@ def direction_tunings(
     of the catalogue. Raises ResultError if a table has no direction, more than one parameter, or
     lacks a detector.
     """
-    names = labels_of(tunings, labels)
+    names = style.labels_of(tunings, labels)
     shown = [
         (tuning, name, table)
         for tuning, table in zip(tunings, names, strict=True)
         for name in detectors or tuning.models
     ]
-    looks = looks_of([name for _, name, _ in shown])
+    looks = style.looks_of([name for _, name, _ in shown])
     curves = [
         _of_detector(tuning, name, table if len(names) > 1 else "", look)
         for (tuning, name, table), look in zip(shown, looks, strict=True)
@@ -181,7 +164,7 @@ def direction_tunings(
     reference = bar_tuning(width) if width else {}
     if reference:
         angles, values = full_circle(np.array(list(reference)), np.array(list(reference.values())))
-        look = {"color": LPLC2, "marker": "s", "markersize": 2.5, "lw": 0.9, "linestyle": ":"}
+        look = {"color": style.LPLC2, "marker": "s", "markersize": 2.5, "lw": 0.9, "linestyle": ":"}
         name = f"LPLC2, {width} deg bar"
         curves.append(DirectionTuning(name, angles, values, "of the loom", look, symmetric=True))
     return curves
@@ -221,7 +204,7 @@ def _of_detector(
         {**look, "markersize": 2.2},
         tuning.symmetric,
         _TURNED if direction == _SCENE else _MOTION,
-        doubts_of(tuning, detector),
+        style.doubts_of(tuning, detector),
     )
 
 
@@ -240,7 +223,7 @@ def _bar_width(tunings: Sequence[Tuning]) -> int | None:
 
 def _as_published(tuning: Tuning) -> bool:
     """Return whether the stimulus looks as in the catalogue, whatever the axis of its bar is."""
-    first = first_stimulus(tuning)
+    first = style.first_stimulus(tuning)
     if not first:  # without a sidecar, only the name is known
         return True
     known = [each for each in entries() if each.name == tuning.name]
@@ -268,16 +251,16 @@ def plot_polar(
     groups = [[curve] for curve in curves] if raw else [list(curves)]
     columns = 1 if len(groups) <= 2 else 2 if len(groups) <= 4 else 3
     rows = -(-len(groups) // columns)
-    width = COLUMN if columns == 1 else PAGE
-    across = LEGEND_WIDTH if columns < 3 else _NARROW
+    width = style.COLUMN if columns == 1 else style.PAGE
+    across = style.LEGEND_WIDTH if columns < 3 else _NARROW
     lines = [1 + _label(curve, across, raw=raw).count("\n") for curve in curves]
     most = rows * max(lines) if raw else sum(lines)
     height = 0.1 + 0.25 * bool(title) + rows * (0.9 * width / columns + 0.45) + 0.14 * most
-    with styled_figure(width, height) as figure:
-        axes: list[Any] = panel_grid(figure, len(groups), columns, subplot_kw=_POLAR)
+    with style.styled_figure(width, height) as figure:
+        axes: list[Any] = style.panel_grid(figure, len(groups), columns, subplot_kw=_POLAR)
         for panel, group in zip(axes, groups, strict=True):
             draw_polar(panel, group, raw=raw, across=across)
-        write_title(figure, title)
+        style.write_title(figure, title)
         spread(figure)
     return figure, axes
 
@@ -287,8 +270,8 @@ def _draw_multiples(
 ) -> tuple[Figure, list[Axes]]:
     """Draw a small plot for each curve; the meaning of radius and angle is written once."""
     rows = -(-len(curves) // 4)
-    with styled_figure(PAGE, 0.4 + 2.1 * rows) as figure:
-        axes: list[Any] = panel_grid(figure, len(curves), 4, subplot_kw=_POLAR)
+    with style.styled_figure(style.PAGE, 0.4 + 2.1 * rows) as figure:
+        axes: list[Any] = style.panel_grid(figure, len(curves), 4, subplot_kw=_POLAR)
         for panel, curve in zip(axes, curves, strict=True):
             draw_polar(panel, [curve], raw=raw)
             panel.get_legend().remove()
@@ -296,8 +279,8 @@ def _draw_multiples(
             panel.set_thetagrids(range(0, 360, 90), [])
             panel.tick_params(labelsize=5)
             name = f"{curve.name}\n{curve.about}{curve.doubts}"
-            panel.set_title(wrapped(name, _NARROW), fontsize=6.8, pad=3)
-        write_title(figure, title, 2 * TITLE_WIDTH)
+            panel.set_title(style.wrapped(name, _NARROW), fontsize=6.8, pad=3)
+        style.write_title(figure, title, 2 * style.TITLE_WIDTH)
         radius = "response" if raw else "response / peak"
         figure.supxlabel(
             f"radius: {radius}; angle: {_angle_of(curves)}, to the right: 0°", fontsize=7.5
@@ -316,7 +299,7 @@ def draw_polar(
     curves: Sequence[DirectionTuning],
     *,
     raw: bool = False,
-    across: int = LEGEND_WIDTH,
+    across: int = style.LEGEND_WIDTH,
 ) -> None:
     """Draw curves into one polar plot, divided by their peaks or, if `raw`, in their own unit.
 
@@ -336,11 +319,11 @@ def draw_polar(
     axes.set_rlabel_position(_free_direction(axes))
     for number in axes.get_yticklabels():
         number.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4})
-    axes.grid(color=FAINT, lw=0.4)
-    axes.spines["polar"].set_color(FAINT)
+    axes.grid(color=style.FAINT, lw=0.4)
+    axes.spines["polar"].set_color(style.FAINT)
     axes.tick_params(pad=0)
-    label = f"response ({plain(curves[0].unit)})" if raw else "response / peak"
-    narrow = across < LEGEND_WIDTH
+    label = f"response ({style.plain(curves[0].unit)})" if raw else "response / peak"
+    narrow = across < style.LEGEND_WIDTH
     between = ";\n" if narrow else "; "
     axes.set_xlabel(f"radius: {label}{between}angle: {_angle_of(curves)}")
     axes.set_anchor("S")  # so that the layout leaves room for the legend below
@@ -353,7 +336,7 @@ def draw_polar(
 def _label(curve: DirectionTuning, across: int, *, raw: bool) -> str:
     """Return the entry of a curve in a legend, in lines of at most `across` characters."""
     name = curve.name if raw else f"{curve.name}, {curve.about}"
-    return wrapped(name + curve.doubts, across)
+    return style.wrapped(name + curve.doubts, across)
 
 
 def _angle_of(curves: Sequence[DirectionTuning]) -> str:

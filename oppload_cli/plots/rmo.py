@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli.errors import ResultError
-from oppload_cli.plots.style import (
-    COLUMN,
-    CYCLE,
-    FAINT,
-    INK,
-    TITLE_WIDTH,
-    as_list,
-    check_xlim,
-    labels_of,
-    styled_figure,
-    wrapped,
-)
+from oppload_cli.plots import style
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import BaseResult
 
@@ -31,7 +20,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
 _MOST = 3  # results in one figure
-_INDEX, _MEAN = CYCLE[3], CYCLE[4]  # as on the HTML pages; OppLoD and D-LGMD differ
+_INDEX, _MEAN = style.CYCLE[3], style.CYCLE[4]  # as on the HTML pages; OppLoD and D-LGMD differ
 
 
 def plot_rmo(
@@ -75,7 +64,7 @@ def plot_rmo(
     >>> index.get_ylabel()
     'RMO index'
     """
-    results = as_list(results, BaseResult)
+    results = style.as_list(results, BaseResult)
     if len(results) > _MOST:
         raise ResultError(
             f"{results[_MOST].path}: one figure shows the RMO of at most {_MOST} results; "
@@ -91,17 +80,17 @@ def plot_rmo(
                 )
             if np.isnan(check_numbers(result.path, result.frames, name)).all():
                 raise ResultError(f"{result.path}: column '{name}' is empty; run it again")
-    check_xlim([each.frames["time_s"].to_numpy(float) for each in results], xlim)
+    style.check_xlim([each.frames["time_s"].to_numpy(float) for each in results], xlim)
     heights = [1.2, 1, 0.8] * len(results)
-    with styled_figure(COLUMN, 0.3 + 2.9 * len(results)) as figure:
+    with style.styled_figure(style.COLUMN, 0.3 + 2.9 * len(results)) as figure:
         panels = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
-        for number, label in enumerate(labels_of(results, labels)):
+        for number, label in enumerate(style.labels_of(results, labels)):
             three = panels[3 * number : 3 * number + 3]
             _draw(three, results[number], xlim)
-            three[0].set_title(wrapped(label, TITLE_WIDTH))
+            three[0].set_title(style.wrapped(label, style.TITLE_WIDTH))
         panels[-1].set_xlabel("time (s)")
         if title:
-            figure.suptitle(wrapped(title, TITLE_WIDTH))
+            figure.suptitle(style.wrapped(title, style.TITLE_WIDTH))
     return figure, panels
 
 
@@ -111,14 +100,14 @@ def _draw(panels: Sequence[Axes], result: BaseResult, xlim: tuple[float, float] 
         for name in ("time_s", "rmo_index", "rmo_mean", "rmo_max", "rom_share")
     )
     upper, middle, lower = panels
-    upper.axhline(0, color=FAINT, lw=0.6)
+    upper.axhline(0, color=style.FAINT, lw=0.6)
     upper.plot(time, index, color=_INDEX)
     upper.set(ylim=(-1.08, 1.08), yticks=[-1, 0, 1], ylabel="RMO index")
     middle.plot(time, mean, color=_MEAN, linestyle="-", label="mean of ROM pairs")
     middle.plot(time, largest, color=_MEAN, lw=0.9, linestyle="--", label="max of ROM pairs")
     middle.set(ylim=(-0.04, 1.08), ylabel="RMO")
     middle.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderpad=0, borderaxespad=0.1)
-    lower.plot(time, 100 * share, color=INK)
+    lower.plot(time, 100 * share, color=style.INK)
     lower.set_ylim(bottom=0)
     lower.set_ylabel("ROM pairs (%)")
     for panel in panels:

@@ -11,36 +11,10 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
 from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.plots import style
 from oppload_cli.plots.classic import FIGURES, Request, TuningCurve, legend_above
 from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
 from oppload_cli.plots.polar import direction_tunings, plot_polar
-from oppload_cli.plots.style import (
-    COLUMN,
-    DASHES,
-    DECADES,
-    FAINT,
-    FEW,
-    GREY,
-    PAGE,
-    SHADES,
-    TITLE_WIDTH,
-    as_list,
-    begin_at_zero,
-    colour_bar,
-    described,
-    edges_of,
-    first_stimulus,
-    indicator_of,
-    labels_of,
-    names_in,
-    norm_of,
-    panel_grid,
-    plain,
-    short_number,
-    styled_figure,
-    wrapped,
-    write_title,
-)
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import Tuning
 from oppload_cli.stimulus.catalogue import in_toml
@@ -126,8 +100,8 @@ def plot_tuning(
     >>> panel.get_xlabel()
     'speed (deg/s)'
     """
-    tunings, models = as_list(tunings, Tuning), names_in(models)
-    names = labels_of(tunings, labels)
+    tunings, models = style.as_list(tunings, Tuning), style.names_in(models)
+    names = style.labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(
             f"a tuning plot has the scale peak or raw, not '{scale}'; choose one of them"
@@ -188,7 +162,7 @@ def lines_of(
         tunings = [_reduced(each) for each in tunings]
         return [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
     if kind == "contact":
-        return contact_lines(Request(tunings, models, labels_of(tunings, labels)))
+        return contact_lines(Request(tunings, models, style.labels_of(tunings, labels)))
     return []
 
 
@@ -240,7 +214,7 @@ def _title(tunings: Sequence[Tuning], kind: str) -> str:
     first = tunings[0]
     figure = _figure(first) if kind == kind_of(first) else {}
     title = str(figure.get("title", first.name)) if len(tunings) == 1 else ""
-    indicators = {indicator_of(each.sidecar) for each in tunings}
+    indicators = {style.indicator_of(each.sidecar) for each in tunings}
     through = f"through an {indicators.pop()}" if len(indicators) == 1 and all(indicators) else ""
     return ", ".join(filter(None, (title, through)))
 
@@ -257,7 +231,7 @@ def _settings_of(tuning: Tuning) -> str:
     sidecar = tuning.sidecar
     if not isinstance(sidecar.get("preset"), str):
         return ""
-    display = first_stimulus(tuning).get("display", {})
+    display = style.first_stimulus(tuning).get("display", {})
     height = sidecar.get("height") or display.get("height")
     changed = sidecar.get("changed")
     stated = dict(changed) if isinstance(changed, dict) else {}
@@ -275,7 +249,7 @@ def _settings_of(tuning: Tuning) -> str:
 def _write_below(figure: Figure, lines: Sequence[str]) -> None:
     """Write lines in small grey letters at the foot of a figure, and make it higher by them."""
     across = int(figure.get_figwidth() * _SMALLEST_LETTERS)
-    text = "\n".join(wrapped(line, across) for line in lines)
+    text = "\n".join(style.wrapped(line, across) for line in lines)
     if not text:
         return
     more = _SMALLEST_LINE * (text.count("\n") + 1)
@@ -288,7 +262,7 @@ def _write_below(figure: Figure, lines: Sequence[str]) -> None:
     engine: Any = figure.get_layout_engine()
     engine.set(rect=(0, below / height, 1, 1 - below / height))
     figure.text(
-        0.99, 0.02 / height, text, ha="right", va="bottom", fontsize=5.5, color=GREY
+        0.99, 0.02 / height, text, ha="right", va="bottom", fontsize=5.5, color=style.GREY
     )  # fmt: skip
 
 
@@ -302,32 +276,32 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
         return _plot_small_lines(curves, parameter, title)
     groups = [request._replace(models=[name]).curves() for name in names] if raw else [curves]
     lines = sum(1 + curve.label.count("\n") for curve in curves)
-    many = not raw and len(names) > FEW
+    many = not raw and len(names) > style.FEW
     height = 0.3 + len(groups) * 1.9 + lines * (0.09 if many else 0.13)
-    with styled_figure(PAGE if many else COLUMN, height) as figure:
+    with style.styled_figure(style.PAGE if many else style.COLUMN, height) as figure:
         axes = list(figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0])
         for panel, group in zip(axes, groups, strict=True):
             # Grey curves share their colour, so that only dashes and markers tell them apart.
-            grey = cycle(product(("full", "none"), DASHES))
+            grey = cycle(product(("full", "none"), style.DASHES))
             for curve in group:
                 look = dict(curve.look)
                 if curve.doubts:
                     look["fillstyle"], look["linestyle"] = next(grey)
                 _draw_line(panel, curve, parameter, look, raw=raw)
-            unit = group[0].detector.unit
-            panel.set_ylabel(f"peak response ({plain(unit)})" if raw else "peak / largest peak")
-            begin_at_zero(panel)
+            unit = style.plain(group[0].detector.unit)
+            panel.set_ylabel(f"peak response ({unit})" if raw else "peak / largest peak")
+            style.begin_at_zero(panel)
             if not many:
                 panel.legend(
                     loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1
                 )
-        axes[-1].set_xlabel(described(parameter))
+        axes[-1].set_xlabel(style.described(parameter))
         if many:
             legend_above(figure, axes[0], title, 2)
         else:
             labels = axes[0].get_legend_handles_labels()[1]
             above = sum(each.count("\n") + 1 for each in labels)
-            axes[0].set_title(wrapped(title, TITLE_WIDTH), pad=6 + 10 * above)
+            axes[0].set_title(style.wrapped(title, style.TITLE_WIDTH), pad=6 + 10 * above)
     return figure, axes
 
 
@@ -335,7 +309,8 @@ def _draw_line(
     panel: Axes, curve: TuningCurve, parameter: str, look: dict[str, Any], *, raw: bool = False
 ) -> None:
     """Draw a curve divided by its largest peak, or raw; thin and grey if it means little."""
-    shown = {"color": FAINT, "lw": 0.7, "markersize": 2} if curve.doubts else {"markersize": 3}
+    faint = {"color": style.FAINT, "lw": 0.7, "markersize": 2}
+    shown = faint if curve.doubts else {"markersize": 3}
     values = curve.rows[parameter].to_numpy(float)
     order = np.argsort(values, kind="stable")  # the values of a sweep may be in any order
     peaks = curve.peaks[order] / (1.0 if raw else curve.largest or 1.0)
@@ -350,15 +325,15 @@ def _plot_small_lines(
         for panel, curve in zip(axes, curves, strict=True):
             _draw_line(panel, curve, parameter, {"color": curve.detector.colour, "marker": "o"})
             _name_small(panel, curve, curve.largest)
-            begin_at_zero(panel)
-        figure.supxlabel(described(parameter), fontsize=7.5)
+            style.begin_at_zero(panel)
+        figure.supxlabel(style.described(parameter), fontsize=7.5)
         figure.supylabel("peak / largest peak", fontsize=7.5)
     return figure, axes
 
 
 def _name_small(panel: Axes, curve: TuningCurve, largest: float) -> None:
-    name = f"{curve.name}\npeak {short_number(largest)} ({curve.detector.unit}){curve.doubts}"
-    panel.set_title(wrapped(name, _SMALL), fontsize=6, pad=2)
+    name = f"{curve.name}\npeak {style.short_number(largest)} ({curve.detector.unit}){curve.doubts}"
+    panel.set_title(style.wrapped(name, _SMALL), fontsize=6, pad=2)
     panel.tick_params(labelsize=6)
 
 
@@ -366,9 +341,9 @@ def _name_small(panel: Axes, curve: TuningCurve, largest: float) -> None:
 def _small_panels(count: int, height: float, title: str) -> Iterator[tuple[Figure, list[Axes]]]:
     """Make small panels in rows of four, each `height` inches high, that share their axes."""
     rows = -(-count // _IN_A_ROW)
-    with styled_figure(PAGE, 0.5 + height * rows) as figure:
-        yield figure, panel_grid(figure, count, _IN_A_ROW, sharex=True, sharey=True)
-        write_title(figure, title, 2 * TITLE_WIDTH)
+    with style.styled_figure(style.PAGE, 0.5 + height * rows) as figure:
+        yield figure, style.panel_grid(figure, count, _IN_A_ROW, sharex=True, sharey=True)
+        style.write_title(figure, title, 2 * style.TITLE_WIDTH)
 
 
 def _parameter(tunings: Sequence[Tuning]) -> str:
@@ -405,20 +380,20 @@ def _plot_heat(request: Request) -> tuple[Figure, list[Axes]]:
             f"{tuning.path}: sweeps {' and '.join(tuning.parameters)}; a heat map needs two swept "
             "parameters"
         )
-    if len(curves) > FEW:
+    if len(curves) > style.FEW:
         return _plot_small_heats(curves, request.title)
     columns, rows = (tuning.rows[name].nunique() for name in tuning.parameters)
-    width = COLUMN if columns <= _NARROW else PAGE
+    width = style.COLUMN if columns <= _NARROW else style.PAGE
     height = 0.2 + len(curves) * (0.75 + min(2.4, max(0.9, 0.28 * rows)))
-    with styled_figure(width, height) as figure:
+    with style.styled_figure(width, height) as figure:
         axes = list(figure.subplots(len(curves), 1, squeeze=False)[:, 0])
-        write_title(figure, request.title)
-        norm = norm_of(np.concatenate([_shares(curve)[0].ravel() for curve in curves]))
+        style.write_title(figure, request.title)
+        norm = style.norm_of(np.concatenate([_shares(curve)[0].ravel() for curve in curves]))
         for panel, curve in zip(axes, curves, strict=True):
             image = _draw_heat(panel, curve, norm)
             cut = np.nanmin(np.asarray(image.get_array())) < (image.norm.vmin or 0)
             extend = "min" if cut else "neither"
-            colour_bar(figure, image, panel, "peak / largest peak", pad=0.02, extend=extend)
+            style.colour_bar(figure, image, panel, "peak / largest peak", pad=0.02, extend=extend)
     return figure, axes
 
 
@@ -426,13 +401,13 @@ def _plot_small_heats(curves: Sequence[TuningCurve], title: str) -> tuple[Figure
     """Draw a small heat map without numbers for each detector, all on one scale."""
     across, up = curves[0].tuning.parameters
     with _small_panels(len(curves), 1.75, title) as (figure, axes):
-        norm = LogNorm(10.0**-DECADES, 1.0, clip=True)
+        norm = LogNorm(10.0**-style.DECADES, 1.0, clip=True)
         for panel, curve in zip(axes, curves, strict=True):
             image = _draw_heat(panel, curve, norm, small=True)
-        figure.supxlabel(described(across), fontsize=7.5)
-        figure.supylabel(described(up), fontsize=7.5)
+        figure.supxlabel(style.described(across), fontsize=7.5)
+        figure.supylabel(style.described(up), fontsize=7.5)
         bar = "peak / largest peak"
-        colour_bar(figure, image, axes, bar, shrink=0.7, pad=0.02, extend="min")
+        style.colour_bar(figure, image, axes, bar, shrink=0.7, pad=0.02, extend="min")
     return figure, axes
 
 
@@ -453,12 +428,11 @@ def _draw_heat(
     image: ScalarMappable
     if {across.rpartition(".")[2], up.rpartition(".")[2]} == {"right", "up"}:  # at true distances
         x, y = cells.columns.to_numpy(float), cells.index.to_numpy(float)
-        image = axes.pcolormesh(
-            edges_of(x), edges_of(y), share, cmap=SHADES, norm=norm, rasterized=True
-        )
+        edges = style.edges_of(x), style.edges_of(y)
+        image = axes.pcolormesh(*edges, share, cmap=style.SHADES, norm=norm, rasterized=True)
     else:
         x, y = np.arange(share.shape[1]), np.arange(share.shape[0])
-        image = axes.imshow(share, origin="lower", aspect="auto", cmap=SHADES, norm=norm)
+        image = axes.imshow(share, origin="lower", aspect="auto", cmap=style.SHADES, norm=norm)
     names = [_number(value) for value in cells.columns]
     letters = _SMALL_LETTERS if small else _LETTERS if len(x) > _NARROW else _COLUMN_LETTERS
     room = letters // (1 + max(map(len, names)))  # names that fit beside each other
@@ -477,10 +451,10 @@ def _draw_heat(
                 text = f"{value:.2g}" if value >= least else f"<{least:.2g}"
                 ink = "black" if norm(value) > 0.55 else "white"
                 axes.text(*place, text, ha="center", va="center", color=ink, size=6)
-    axes.set_xlabel(described(across))
-    axes.set_ylabel(described(up))
-    title = f"{curve.name}, largest peak {short_number(largest)} ({curve.detector.unit})"
-    axes.set_title(wrapped(title + curve.doubts, TITLE_WIDTH))
+    axes.set_xlabel(style.described(across))
+    axes.set_ylabel(style.described(up))
+    title = f"{curve.name}, largest peak {style.short_number(largest)} ({curve.detector.unit})"
+    axes.set_title(style.wrapped(title + curve.doubts, style.TITLE_WIDTH))
     return image
 
 
