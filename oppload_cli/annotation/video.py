@@ -126,9 +126,6 @@ class AnnotatedVideo:
             self._waiting.popleft()
 
     def _encode(self, picture: Bgr, record: FrameRecord) -> None:
-        self._recording.write(self._drawn(picture, record), record.time_s)
-
-    def _drawn(self, picture: Bgr, record: FrameRecord) -> Bgr:
         layout, canvas = self._layout, self._blank.copy()
         size = (layout.picture.width, layout.picture.height)
         same_size = picture.shape[1::-1] == size
@@ -139,4 +136,4 @@ class AnnotatedVideo:
             draw_detections(canvas, layout, shown, placing.colour)
         self._history.add(record)
         draw_strip(canvas, layout, self._history, record)
-        return canvas
+        self._recording.write(canvas, record.time_s)

@@ -255,7 +255,8 @@ def _still(
 ) -> dict[str, Any]:
     """Return a frame that the page shows, with the evidence over its clip, for the template."""
     clip, frame = evaluation.clips[moment[0]], moment[1]
-    output, threshold = clip.outputs[name], _threshold_of(evaluation, name)
+    output, decision = clip.outputs[name], evaluation.performances[name].decisions[AT_ONE]
+    threshold = float(decision.thresholds[0])  # the same in each clip
     evidence = float(output.evidence[frame])
     multiple = f"{number(evidence / threshold)} times the threshold" if threshold > 0 else ""
     winner = None if output.winner is None else output.winner[frame]
@@ -286,11 +287,6 @@ def _parameters(detector: Mapping[str, Any]) -> dict[str, Any]:
     """Return the height, parameters and alarm parameters of a detector in the report."""
     alarm = {f"alarm.{name}": value for name, value in detector["alarm"].items()}
     return {"working height": detector["height"], **detector["parameters"], **alarm}
-
-
-def _threshold_of(evaluation: Evaluation, name: str) -> float:
-    """Return the threshold that gives a detector 1 false alarm per minute."""
-    return float(evaluation.performances[name].decisions[AT_ONE].thresholds[0])
 
 
 def _worst_of(evaluation: Evaluation, name: str) -> dict[str, list[_Moment]]:
