@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import runpy
 import shlex
@@ -91,6 +92,27 @@ def test_the_command_line_takes_what_the_pages_show() -> None:
                 raise AssertionError(f"{page.name}: {line}: {error.message}") from error
             shown += 1
     assert shown > 100
+
+
+def test_the_tests_that_pages_name_exist() -> None:
+    named = 0
+    for page in _pages():
+        for command in re.findall(r"`(pytest [^`]*-k [^`]*)`", page.read_text("utf-8")):
+            words = shlex.split(command)
+            name = words[words.index("-k") + 1]
+            places = [DOCS.parent / word for word in words if word.startswith("tests/")]
+            files = [each for place in places for each in (place, *place.rglob("test_*.py"))]
+            tests = [
+                each
+                for file in files
+                if file.is_file()
+                for each in ast.parse(file.read_text("utf-8")).body
+                if isinstance(each, ast.FunctionDef) and name in each.name
+            ]
+            slow = {"pytest.mark.slow" in map(ast.unparse, each.decorator_list) for each in tests}
+            assert ("slow" in words) in slow, f"{page.name}: {command}"
+            named += 1
+    assert named > 10
 
 
 def test_pages_name_only_files_of_the_project_that_exist() -> None:
