@@ -100,7 +100,7 @@ class Preparation:
         seen = "".join("r" if each.repeat.passed_over else "p" for each in first)
         if re.fullmatch("pr+p", seen):
             return latest._replace(undecided=True)
-        if re.fullmatch("pr+pp", seen):
+        if re.fullmatch("pr+pp", seen) and not self.repeats.in_run:
             # No repeat follows the second picture: the first was not repeated, but stood still.
             self.repeats.forget_cadence()
             again = [e._replace(repeat=e.repeat._replace(passed_over=False)) for e in first[:-1]]

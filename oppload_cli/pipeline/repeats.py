@@ -285,6 +285,11 @@ class Repeats:
         return len(self._proofs) >= _ENOUGH
 
     @property
+    def in_run(self) -> bool:
+        """Whether the latest frame may be a repeat."""
+        return self._run > 0
+
+    @property
     def _longest(self) -> int:
         """Most repeats in a row in this cadence: pictures at even intervals differ by at most 1."""
         *_, second, longest = sorted(run for _, run in self._proofs)

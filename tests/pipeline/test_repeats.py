@@ -135,6 +135,26 @@ def test_the_detectors_begin_again_once_the_cadence_is_known(still: int) -> None
     assert begun == {10: [(k, k in passed_over) for k in range(11)]}
 
 
+def test_a_start_with_exact_and_near_repeats_is_no_rest() -> None:
+    """The encoder coded the first picture's repeats exactly, but that of the second one anew."""
+    moving = panned(np.arange(4) * 3.0)
+    shown = [moving[k] for k in (0, 0, 0, 1, 1, 2)]
+    shown[4] = shown[4] + np.float32(5e-4)
+    chosen = PassParams(
+        "default", [], AlarmParams(), None, TimeParams(), None, Repeats(RepeatParams())
+    )
+    preparation = Preparation(chosen, Fraction(30))
+    prepared = [preparation.step(Frame(k, k / 30, luma)) for k, luma in enumerate(shown)]
+    assert [bool(each.again) for each in prepared] == [False] * 5 + [True]
+    assert [each.repeat.passed_over for each in prepared[5].again] == [
+        False,
+        True,
+        True,
+        False,
+        True,
+    ]
+
+
 def test_the_first_repeats_are_recognised_once_the_cadence_is_known() -> None:
     shown = converted(24)
     repeats = Repeats(RepeatParams())
