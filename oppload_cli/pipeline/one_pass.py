@@ -104,7 +104,6 @@ class Preparation:
             # No repeat follows the second picture: the first was not repeated, but stood still.
             self.repeats.forget_cadence()
             again = [e._replace(repeat=e.repeat._replace(passed_over=False)) for e in first[:-1]]
-            del first[:-3]  # the frames count from the last one at rest
             return latest._replace(again=again)
         return latest
 
