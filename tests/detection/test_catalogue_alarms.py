@@ -66,8 +66,10 @@ def test_every_control_gives_no_alarm(name: str, preset: str) -> None:
 
 
 FAST = {  # controls with an alarm at other frame rates, as docs/time.md says
-    ("reference", 24): {"translating-bar-speed/speed-80"},
-    ("reference", 50): {"translating-bar-speed/speed-80"},
+    ("default", 12): {"flickering-disk"},
+    ("default", 20): {"rotating-bar/rotation-90", "rotating-bar/rotation--90"},
+    ("default", 60): {f"bar-sweep/rotation-{turn}" for turn in (0, 90, 180, 270)},
+    **{("reference", rate): {"translating-bar-speed/speed-80"} for rate in (12, 15, 24, 25, 50)},
 }
 
 
@@ -85,7 +87,7 @@ def test_a_re_encoded_pause_before_a_control_is_no_background(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rate", [24, 50, 120])
+@pytest.mark.parametrize("rate", [12, 15, 20, 24, 25, 50, 60, 120])
 @pytest.mark.parametrize("name", CONTROLS)
 @pytest.mark.parametrize("preset", ["reference", "default"])
 def test_controls_at_other_frame_rates(name: str, preset: str, rate: int) -> None:
