@@ -155,9 +155,14 @@ class _Point(NamedTuple):
 
 
 class History:
-    """The curves of some detectors in the latest seconds.
+    """The curves of the latest seconds.
 
-    The time axis of a short video has the length of its duration, if that is known.
+    Parameters
+    ----------
+    detectors : sequence of str
+        The detectors with a curve.
+    duration_s : float, optional
+        The duration of the video: the time axis of a short video has this length.
     """
 
     def __init__(self, detectors: Sequence[str], duration_s: float | None = None) -> None:

@@ -51,10 +51,23 @@ class _Frames:
 class AnnotatedVideo:
     """Draws and encodes an annotated video in a thread, a few frames behind the detectors.
 
-    The input is opened with ``colour=True``, and the detectors must take its frames from the
-    attribute `frames`. The annotated video shows the responses of `detectors`. Objects with a box
-    are ``alarm``, those that cause an alarm; ``all``; or ``none``. OutputError is raised, also by
-    `write`, `finish` and `commit`, if the file cannot be written or no encoder is installed.
+    Parameters
+    ----------
+    path : Path
+        Final name of the video.
+    video : Video
+        The input, opened with ``colour=True``. The detectors must take the frames from the
+        attribute `frames`.
+    detectors : sequence of str
+        The detectors whose responses are shown.
+    boxes : str
+        Objects with a box: ``alarm`` for those that cause an alarm; ``all``; or ``none``.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, or no encoder is installed; `write`, `finish` and `commit`
+        raise it too.
     """
 
     def __init__(

@@ -207,10 +207,23 @@ def show(
 ) -> list[Shown]:
     """Show stimuli to the detectors, except those whose measurements the folder has already.
 
-    The folder has a file for each stimulus. `jobs` is the number of processes, which does not
-    change the result. `progress` takes the number of stimuli that are done, and that of all
-    stimuli. Raises StimulusError if a stimulus cannot be drawn, and OutputError if a file cannot be
-    written or the system ends one of the processes.
+    Parameters
+    ----------
+    columns, detectors
+        Columns of the battery, and the detectors.
+    folder : Path
+        The folder for the measurements, with a file for each stimulus.
+    jobs : int
+        Number of processes, which does not change the result.
+    progress : callable, optional
+        Takes the number of stimuli that are done, and the number of all stimuli.
+
+    Raises
+    ------
+    StimulusError
+        If a stimulus cannot be drawn.
+    OutputError
+        If a file cannot be written, or the system ends one of the processes.
     """
     code = _code(detectors)
     listed = [

@@ -55,12 +55,23 @@ def evaluated_detectors(
 ) -> list[EvaluatedDetector]:
     """Return the detectors to evaluate: the chosen ones, then the baselines.
 
-    A name is ``NAME`` (under preset ``default``), ``NAME:PRESET``, ``NAME:VARIANT``, ``all`` or
-    ``all:PRESET``. If no name is that of a detector that presets change, all such detectors are
-    evaluated under ``default`` and ``reference``. `repeats` and the `assignments`
-    ``set.parameter=value`` replace the preset's values of all detectors; the set is a detector,
-    ``alarm``, ``repeats`` or ``time``. Raises ParameterError if a name is unknown, a value is out
-    of range, or a set belongs to no evaluated detector.
+    Parameters
+    ----------
+    names : iterable of str
+        ``NAME`` (under preset ``default``), ``NAME:PRESET``, ``NAME:VARIANT``, ``all`` or
+        ``all:PRESET``.
+        If they name no detector that presets change, all such detectors are evaluated under
+        ``default`` and ``reference``.
+    repeats : str, optional
+        Which repeats all detectors leave out: ``near``, ``exact`` or ``keep`` (none).
+    assignments : sequence of str
+        ``set.parameter=value`` in place of the preset's value, for all detectors; the set is a
+        detector, ``alarm``, ``repeats`` or ``time``.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown, a value is out of range, or a set belongs to no evaluated detector.
     """
     chosen = _full_names(names)
     _, others = _by_presets()

@@ -65,8 +65,13 @@ def evaluate(
 
     `jobs` is the number of processes, which does not change the result; `draws` is the number of
     draws of the bootstrap. `progress` takes the number of clips that are done since its last call.
-    Raises SourceError if no clip can be used, and OutputError if the system ends one of the
-    processes, for example because memory runs out.
+
+    Raises
+    ------
+    SourceError
+        If no clip can be used.
+    OutputError
+        If the system ends one of the processes, for example because memory runs out.
     """
     faults = list(manifest.faults)
     entries, clips = [], []

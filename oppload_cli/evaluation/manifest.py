@@ -73,9 +73,16 @@ class _RowError(ValueError):
 def read_manifest(path: Path) -> Manifest:
     """Read a manifest; a wrong row is a fault of the manifest, not an error.
 
-    A manifest is a CSV file with the columns ``file``, ``label``, ``onset_frame`` and
-    ``contact_frame``; the paths of clips are relative to its folder. Raises ManifestError if the
-    file cannot be read, is not CSV, or lacks a column.
+    Parameters
+    ----------
+    path : Path
+        A CSV file with the columns ``file``, ``label``, ``onset_frame`` and
+        ``contact_frame``; the paths of clips are relative to its folder.
+
+    Raises
+    ------
+    ManifestError
+        If the file cannot be read, is not CSV, or lacks a column.
     """
     if is_folder(path):
         raise ManifestError(
@@ -190,8 +197,12 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
     The boxes come from `path`, a JSON file ``{file: {frame: [left, top, width, height]}}`` in
     source pixels. By default they come from ``boxes.json`` beside the manifest, if it exists.
     Several manifests may share ``boxes.json``, so clips of other manifests in it are ignored.
-    Raises ManifestError if the file cannot be read or has another form, or if the file `path` names
-    a clip that the manifest does not have.
+
+    Raises
+    ------
+    ManifestError
+        If the file cannot be read or has another form, or if the file `path` names a clip that the
+        manifest does not have.
     """
     shared = path is None
     path = path or manifest.path.with_name(_USUAL_BOXES)
@@ -257,11 +268,24 @@ def clips_of(
 ) -> Manifest:
     """Return the clips to evaluate, from a manifest or from stimuli.
 
-    The inputs are the path of a manifest; or names of stimuli, and videos or folders of images with
-    their ground truth beside them. `boxes` is the file with the boxes of the manifest's clips,
-    `backgrounds` are videos that replace the background of the stimuli, and each of the `changes`
-    is ``KEY=VALUE``. Raises ParameterError if an option cannot be used with these inputs, and
-    ManifestError or StimulusError if an input cannot be read.
+    Parameters
+    ----------
+    inputs : sequence of str
+        The path of a manifest; or names of stimuli, and videos or folders of images with their
+        ground truth beside them.
+    boxes : Path or None
+        The file with the boxes of the manifest's clips.
+    backgrounds : sequence of str
+        Videos that replace the background of the stimuli.
+    changes : sequence of str
+        Values of the stimuli to change, each as ``KEY=VALUE``.
+
+    Raises
+    ------
+    ParameterError
+        If an option cannot be used with these inputs.
+    ManifestError, StimulusError
+        If an input cannot be read.
     """
     manifest = _manifest_in(inputs)
     if manifest is not None:

@@ -48,9 +48,20 @@ def write_evaluation(
 ) -> Iterator[Path]:
     """Write all files of an evaluation into a folder; yield each path after the file was written.
 
-    `claim` is the part file of ``report.json``, which keeps other runs out of the folder. `wall_s`
-    returns the seconds since the start, for ``timing`` in ``report.json``; two runs over the same
-    clips differ only in ``timing``. Raises OutputError if a file cannot be written.
+    Parameters
+    ----------
+    evaluation, folder
+        The evaluation and the folder.
+    claim : PartFile
+        The part file of ``report.json``, which keeps other runs out of the folder.
+    wall_s : callable
+        Returns the seconds since the start, for ``timing`` in ``report.json``. Two runs over the
+        same clips differ only in ``timing``.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
     """
     report = report_of(evaluation)
     plots = {

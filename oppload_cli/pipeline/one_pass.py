@@ -54,7 +54,7 @@ class Prepared(NamedTuple):
     frame: Frame
     repeat: Repeat
     opponency: RmoMetrics | None
-    # Whether this is the second picture, after equal frames: repeats, or a scene at rest.
+    # Whether it is not known yet if the frames before, all equal, were repeats or a scene at rest.
     undecided: bool = False
     # All frames before this one, if their repeats are now better known: the detectors begin again.
     again: Sequence[Prepared] = ()
@@ -97,6 +97,7 @@ class Preparation:
             found = self.repeats.again([(each.frame.luma, each.frame.time_s) for each in first])
             *again, latest = (each._replace(repeat=r) for each, r in zip(first, found, strict=True))
             return latest._replace(again=again)
+        # p: a picture that the detectors got; r: a frame that was taken for a repeat of it.
         seen = "".join("r" if each.repeat.passed_over else "p" for each in first)
         if re.fullmatch("pr+p", seen):
             return latest._replace(undecided=True)
@@ -219,7 +220,8 @@ class DetectorPass:
             responses = bank.respond(prepared.frame.luma, time_s + repeat.shift_s)
         if not repeat.kind and not prepared.undecided:
             return responses
-        # If nothing changed, or in an unknown time, every detector responds with 0.
+        # If nothing changed, every detector responds with 0, whatever its earlier responses. So it
+        # does if the picture changed in a time that is not known.
         lasted = float(self.count - 1)  # intervals
         if self._per_second:
             lasted = (time_s - self._first_s) * self._per_second

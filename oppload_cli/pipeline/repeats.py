@@ -139,7 +139,8 @@ class Repeats:
         self._shown_s = 0.0  # time at which the latest frame for the detectors was taken
         self._passed_over = False  # whether the detectors did not get the frame before
         self.exact = self.near = 0
-        self._darkest, self._brightest = 1.0, 0.0  # luminance of all frames so far
+        # The range of luminance of all frames so far; once it is large enough, it stays.
+        self._darkest, self._brightest = 1.0, 0.0
         self._frames = 0
         self._new_s = 0.0  # time of the latest frame that was not an exact repeat
         self._pictures = self._repeats = 0  # numbers of both in the cadences
@@ -190,8 +191,9 @@ class Repeats:
         The array, float32 of shape (height, width), is kept, not copied.
         """
         exact_before = self.exact
-        self._darkest = min(self._darkest, float(luma.min()))
-        self._brightest = max(self._brightest, float(luma.max()))
+        if self._brightest - self._darkest < _LEAST_RANGE:
+            self._darkest = min(self._darkest, float(luma.min()))
+            self._brightest = max(self._brightest, float(luma.max()))
         repeat = self._recognised(luma, time_s)
         self.exact += repeat.kind == EXACT
         if self.exact == exact_before:

@@ -93,8 +93,11 @@ class Request(NamedTuple):
 def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
     """Return the one swept column with an ending, in a table with `of` swept columns.
 
-    If not exactly one column has the ending, or the number of swept columns is another, a
-    ResultError says that the figure needs `wanted`.
+    Raises
+    ------
+    ResultError
+        If not exactly one column has the ending, or the number of swept columns is another; the
+        message says that the figure needs `wanted`.
     """
     found = [name for name in tuning.parameters if name.endswith(ending)]
     if len(found) != 1 or len(tuning.parameters) != of:

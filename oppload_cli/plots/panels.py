@@ -132,8 +132,13 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
 
     Several detectors over one input share a panel, and so do several inputs of one detector, in
     the order of the numbers in their names. Several detectors over several inputs have a panel for
-    each input. Raw responses have a panel for each curve. Raises ResultError if a result lacks a
-    chosen detector or its responses, or if curves are aligned and a contact is not known.
+    each input. Raw responses have a panel for each curve.
+
+    Raises
+    ------
+    ResultError
+        If a result lacks a chosen detector or its responses, or curves are aligned and a contact
+        is not known.
     """
     for result in results:
         result.need([f"{name}_response" for name in options.models])

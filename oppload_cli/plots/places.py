@@ -33,12 +33,28 @@ _WEAKEST = 0.05  # of the peak; frames with smaller responses have no dot
 def still_of(
     result: BaseResult, video: str | None = None, *, model: str | None = None
 ) -> Still | None:
-    """Return the frame of the peak from the input of a result; None if no video is found.
+    """Read the frame of the peak from the input of a result.
 
-    The frame is the luminance at the source's size. `video` is the present name of the input, if it
-    has moved. `model` is the detector of the peak, by default the first one that has places. Raises
-    SourceError if the video cannot be read, and ResultError if the video ends before the peak or
-    the result has no places of the detector.
+    Parameters
+    ----------
+    result : Result
+        A result whose sidecar names the input.
+    video : str, optional
+        The present name of the input, if it has moved.
+    model : str, optional
+        The detector of the peak; by default the first detector of the result that has places.
+
+    Returns
+    -------
+    ndarray of float32, shape (height, width), or None
+        Luminance at the source's size; None if no video is found.
+
+    Raises
+    ------
+    SourceError
+        If the video cannot be read.
+    ResultError
+        If the video ends before the peak, or if the result has no places of the detector.
     """
     detector = _detector(result, model)
     try:

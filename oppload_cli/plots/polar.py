@@ -144,10 +144,18 @@ def direction_tunings(
 ) -> list[DirectionTuning]:
     """Return the curves of a polar plot of tuning tables.
 
-    The arguments are those of :func:`oppload_cli.plot_tuning`, where `detectors` are the `models`.
-    ``auto`` stands for the width of the bar in the stimulus's name, if the stimulus shows the bar
-    of the catalogue. Raises ResultError if a table has no direction, more than one parameter, or
-    lacks a detector.
+    Parameters
+    ----------
+    tunings, detectors, labels
+        As for :func:`oppload_cli.plot_tuning`, where `detectors` are the `models`.
+    lplc2 : str
+        Width of the bar whose LPLC2 tuning is added, ``10`` or ``60``; ``none``; or ``auto`` for
+        the width in the stimulus's name, if the stimulus shows the bar of the catalogue.
+
+    Raises
+    ------
+    ResultError
+        If a table has no direction, more than one parameter, or lacks a detector.
     """
     names = style.labels_of(tunings, labels)
     shown = [

@@ -154,7 +154,10 @@ def colour_bar(
 def as_list(results: T | Sequence[T], kind: type[T]) -> list[T]:
     """Return one result, or a sequence of results, as a list.
 
-    Raises ParameterError if there is none, or if one is not of this kind.
+    Raises
+    ------
+    ParameterError
+        If there is none, or if one is not of this kind.
     """
     listed = list(results) if isinstance(results, Sequence) else [results]
     if not listed:
@@ -277,8 +280,12 @@ def norm_of(values: NDArray[np.float64]) -> Normalize:
 def save(figure: Figure, path: Path) -> None:
     """Save a figure in the format of its suffix.
 
-    Raises ParameterError if this is not ``.png``, ``.svg`` or ``.pdf``, and OutputError if the file
-    cannot be written.
+    Raises
+    ------
+    ParameterError
+        If the suffix is not ``.png``, ``.svg`` or ``.pdf``.
+    OutputError
+        If the file cannot be written.
     """
     check_suffix(path)
     write_atomic(path, [image_bytes(figure, path.suffix.lower().removeprefix("."))])
@@ -311,7 +318,10 @@ def labels_of(
 ) -> list[str]:
     """Return the names that the user gave to results or tuning tables, or else what differs.
 
-    Raises ParameterError if names are given, but not one for each.
+    Raises
+    ------
+    ParameterError
+        If names are given, but not one for each.
     """
     if given and len(given) != len(read):
         noun = "table" if isinstance(read[0], Tuning) else "result"

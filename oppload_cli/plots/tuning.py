@@ -172,7 +172,12 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
     All kinds have the largest peak, and the smallest peak over it. ``polar`` adds the preferred
     direction in degrees and both selectivity indices. ``contact`` adds the slope and the delay of
     the line, the angular threshold in degrees, and their confidence intervals of 95 %. A number
-    that is not known is None. Raises ResultError if the table lacks what its kind of plot needs.
+    that is not known is None.
+
+    Raises
+    ------
+    ResultError
+        If the table lacks what its kind of plot needs.
     """
     kind = kind_of(tuning)
     summary: dict[str, dict[str, Any]] = {}

@@ -85,8 +85,11 @@ class Content:
     def of(cls, result: BaseResult) -> Content:
         """Return the content of a result's page.
 
-        Raises ResultError if the result is of another version, if one of its files is damaged, or
-        if a detector responded to no frame.
+        Raises
+        ------
+        ResultError
+            If the result is of another version, if one of its files is damaged, or if a detector
+            responded to no frame.
         """
         check_schema(result)
         result.need_responses(result.models)

@@ -157,8 +157,16 @@ def hardly(
 ) -> str:
     """Return a sentence if a detector hardly responds, else an empty text.
 
-    The responses are those to all stimuli of a measurement; `stimuli` are these stimuli in words,
-    such as ``to the disk``.
+    Parameters
+    ----------
+    detector : str
+        Name of the detector.
+    responses : collection of Responses
+        Its responses to all stimuli of a measurement.
+    settings : Settings
+        The settings of the measurement.
+    stimuli : str
+        The stimuli in words, such as ``to the disk``.
     """
     peak = max(map(peak_of, responses))
     return "".join(
@@ -254,12 +262,23 @@ def build(
     form: str = "png",
     done: Callable[[Built], object] | None = None,
 ) -> list[Built]:
-    """Make figures, and return them in the order of `names`, which are those of :func:`chosen`.
+    """Make figures, and return them in the order of `names`.
 
-    `jobs` is the number of processes, which does not change the result. `form` is the format of the
-    pictures, ``png``, ``svg`` or ``pdf``; PNG is made too, for the page. `done` takes each figure
-    when it is made. Raises OutputError if the system ends one of the processes, for example because
-    memory runs out.
+    Parameters
+    ----------
+    names : sequence of str
+        Names from :func:`chosen`.
+    jobs : int
+        Number of processes, which does not change the result.
+    form : str
+        Format of the pictures, ``png``, ``svg`` or ``pdf``; PNG is made too, for the page.
+    done : callable, optional
+        Takes each figure when it is made.
+
+    Raises
+    ------
+    OutputError
+        If the system ends one of the processes, for example because memory runs out.
     """
     makers = {FIGURES[name] for name in names}
     ordered = [maker for maker, _ in sorted(makers, key=lambda each: (-each[1], each[0]))]

@@ -109,10 +109,20 @@ def _published() -> dict[tuple[str, float | None], float]:
 
 
 def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
-    """Show stimuli of the battery, among them the loom, to a preset of OppLoD or to another model.
+    """Show stimuli of the battery to a preset of OppLoD, or to another model.
 
-    Return the peaks of the calcium signal, divided by the peak for the loom. The calcium signal
-    always has the time constant of preset ``lplc2``.
+    Parameters
+    ----------
+    name : str
+        ``lplc2``, ``reference``, ``paper``, or a model.
+    families : iterable of _Family
+        The families to show; the loom must be one of them.
+
+    Returns
+    -------
+    _Shown
+        The peaks of the calcium signal, divided by the peak for the loom. The calcium signal always
+        has the time constant of preset ``lplc2``.
     """
     settings = _settings(name)
     signals = {

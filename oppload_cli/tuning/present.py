@@ -69,9 +69,19 @@ def present(
 ) -> dict[str, Responses]:
     """Show a stimulus to the detectors, and return the responses by detector.
 
-    The stimulus is shown some `times` in a row. `indicator_s` is the time constant in s of a
-    calcium indicator that shows the responses. Without an indicator (0), the responses are those
-    that ``oppload run`` writes for the stimulus's lossless video.
+    Without an indicator, the responses are those that ``oppload run`` writes for the stimulus's
+    lossless video.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+    settings : Settings
+        Detectors, their parameters and the working height.
+    times : int
+        Number of presentations in a row.
+    indicator_s : float
+        Time constant in s of a calcium indicator that shows the responses; 0 for none.
     """
     video = StimulusVideo(protocol, settings.height, times)
     display = protocol.display
@@ -100,7 +110,14 @@ def present(
 def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
     """Return responses as a calcium indicator shows them: after a first-order low-pass filter.
 
-    NaN counts as 0. `constant_s` is the time constant in s; 0 for no filter.
+    Parameters
+    ----------
+    values : ndarray, shape (n, ...)
+        The responses; NaN counts as 0.
+    time_s : ndarray, shape (n,)
+        Rising times in s.
+    constant_s : float
+        Time constant in s; 0 for none.
     """
     known = np.nan_to_num(values)
     if not constant_s:

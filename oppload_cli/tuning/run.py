@@ -58,14 +58,37 @@ def tune(
     jobs: int = 1,
     progress: Callable[[], object] | None = None,
 ) -> list[Condition]:
-    """Measure every condition of a sweep, and return the conditions in the order of the sweep.
+    """Measure every condition of a sweep.
 
-    `entry` is a stimulus with its sweep. If it is shown more than once in a row, each of the
-    `presentations` is a condition. `indicator_s` is the time constant in s of a calcium indicator
-    that shows the responses; 0 for none. `jobs` is the number of processes, which does not change
-    the result; `progress` is called after each stimulus. Raises StimulusError if a stimulus is not
-    valid with one of the values, ParameterError if the working size is too large, and OutputError
-    if a process is ended from outside, for instance for want of memory.
+    Parameters
+    ----------
+    entry : Entry
+        The stimulus with its sweep, from :func:`oppload_cli.tuning.sweeps.sweeps`.
+    settings : Settings
+        Detectors, their parameters and the working height.
+    presentations : int
+        Number of presentations of each stimulus in a row. If it is above 1, each presentation is a
+        condition.
+    indicator_s : float
+        Time constant in s of a calcium indicator that shows the responses; 0 for none.
+    jobs : int
+        Number of processes; the result does not depend on it.
+    progress : callable, optional
+        Called after each stimulus.
+
+    Returns
+    -------
+    list of Condition
+        The conditions in the order of the sweep.
+
+    Raises
+    ------
+    StimulusError
+        If a stimulus is not valid with one of the values.
+    ParameterError
+        If the working size is too large.
+    OutputError
+        If a process is ended from outside, for instance for want of memory.
     """
     shown = results(
         partial(_measured, settings, presentations, indicator_s),
@@ -311,11 +334,22 @@ def write_tuning_sidecar(
 ) -> None:
     """Write the sidecar of a tuning table; raise OutputError if it cannot be written.
 
-    `entry`, `settings` and `indicator_s` are the arguments of :func:`tune`, and `command` is the
-    command line. `figure` has name, title and kind of the classic figure that the table is for.
-    Figures show the `changes`, the values of the stimulus that the user changed, by dotted key, and
-    the `doubts`. `summary` has the numbers of each curve, from
-    :func:`oppload_cli.plots.tuning.summary_of`.
+    Parameters
+    ----------
+    path : Path
+        Name of the sidecar.
+    entry, settings, indicator_s
+        The arguments of :func:`tune`.
+    command : sequence of str
+        The command line.
+    figure : mapping, optional
+        Name, title and kind of the classic figure that the table is for.
+    changes : mapping, optional
+        The values of the stimulus that the user changed, by dotted key; figures show them.
+    doubts : sequence of Doubt
+        The reasons why curves mean little; figures show them.
+    summary : mapping, optional
+        The numbers of each curve, from :func:`oppload_cli.plots.tuning.summary_of`.
     """
     first = entry.protocols()[0]
     height = settings.height or first.display.height

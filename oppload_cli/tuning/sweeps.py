@@ -137,11 +137,20 @@ def sweeps(
 ) -> list[Sweep]:
     """Return the sweeps that a user asks for, after a check of all their options.
 
-    `stimulus` is a name of the catalogue or a TOML file; if it is None, the classic `figures` are
-    swept. `changes` has changed values of the stimulus by dotted key. Each of `over` is
-    ``PARAMETER=VALUES``, or ``PARAMETER`` for the values of the stimulus's own sweep, where a
-    parameter is a key such as ``bar.axis_deg`` or a word such as ``axis``; without it, the stimulus
-    keeps its own sweep. `settings` are arguments of :func:`oppload_cli.pipeline.settings.resolve`.
+    Parameters
+    ----------
+    stimulus : str or None
+        A name of the catalogue or a TOML file; None for `figures`.
+    figures : sequence of str
+        Names of classic figures, or ``all``.
+    changes : dict
+        Changed values of the stimulus, by dotted key.
+    over : sequence of str
+        Each is ``PARAMETER=VALUES``, or ``PARAMETER`` for the values of the stimulus's own sweep.
+        If empty, the stimulus keeps its own sweep. A parameter is a key such as ``bar.axis_deg`` or
+        a word such as ``axis``.
+    settings : mapping
+        The arguments of :func:`oppload_cli.pipeline.settings.resolve`.
 
     Raises
     ------

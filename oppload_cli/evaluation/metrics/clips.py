@@ -222,8 +222,14 @@ def videos_of(clips: Sequence[Clip]) -> NDArray[np.int64]:
 def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Numbers]:
     """Return the scores of a detector in the windows of all clips.
 
-    The three arrays have for each window its score, whether it is the last second before contact,
-    and the position of its clip.
+    Returns
+    -------
+    score : ndarray, shape (n,)
+        Largest response in each window.
+    positive : ndarray of bool, shape (n,)
+        Whether the window is the last second before contact.
+    owner : ndarray, shape (n,)
+        Position in `clips` of the window's clip.
     """
     rows: list[tuple[float, bool, int]] = []
     for index, clip in enumerate(clips):
@@ -263,7 +269,12 @@ class Curves(NamedTuple):
 def curves_of(score: Numbers, positive: Flags, weight: Numbers) -> Curves | None:
     """Return the curves of windows with scores; None without a positive or a negative window.
 
-    `score` and `positive` are those of `scored`; `weight` says how often each window counts.
+    Parameters
+    ----------
+    score, positive : ndarray, shape (n,)
+        As `scored` returns them.
+    weight : ndarray, shape (n,)
+        How often each window counts.
     """
     order = np.argsort(-score, kind="stable")
     score, positive, weight = score[order], positive[order], weight[order]

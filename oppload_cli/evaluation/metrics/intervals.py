@@ -51,9 +51,20 @@ def draws_of(
 ) -> Weights:
     """Draw videos with replacement, those with and those without an approach separately.
 
-    Return how often each draw (row) contains each clip (column). `looming` says which clips have an
-    approach, and `videos` has the number of each clip's video: clips of one video are drawn
-    together. Without `videos`, each clip is a video.
+    Parameters
+    ----------
+    looming : sequence of bool
+        Whether an object approaches in each clip.
+    count : int
+        Number of draws.
+    videos : sequence of int, optional
+        The number of each clip's video; if left out, each clip is a video. Clips of one video are
+        drawn together.
+
+    Returns
+    -------
+    ndarray of int, shape (count, clips)
+        How often each draw contains each clip.
     """
     random = np.random.default_rng(SEED)
     numbers = np.arange(len(looming)) if videos is None else np.asarray(videos)
@@ -70,17 +81,34 @@ def draws_of(
 def estimate(statistic: Callable[[Weights], float], draws: Weights) -> Estimate:
     """Return a statistic of all clips with its percentile interval over the draws.
 
-    `statistic` takes how often each clip counts, and returns a number or NaN.
+    Parameters
+    ----------
+    statistic : callable
+        Takes an array that says how often each clip counts, and returns a number or NaN.
+    draws : ndarray of int, shape (count, clips)
+        From :func:`draws_of`.
     """
     value = statistic(np.ones(draws.shape[1], np.int64))
     return Estimate(value, *interval(np.array([statistic(each) for each in draws])))
 
 
 def share_interval(share: float, count: int, low: float, high: float) -> tuple[float, float]:
-    """Widen the bootstrap's interval of a share of `count` outcomes if all outcomes agree.
+    """Widen the bootstrap's interval of a share if all outcomes agree, as it is empty then.
 
-    The interval is empty then. It becomes at least that of Clopper and Pearson (1934, Biometrika
-    26:404).
+    Parameters
+    ----------
+    share : float
+        Share of `count` outcomes, 0 to 1.
+    count : int
+        Number of outcomes, at least 0.
+    low, high : float
+        The interval of the bootstrap.
+
+    Returns
+    -------
+    tuple of float
+        For a share of 0 or 1 at least the interval of Clopper and Pearson (1934, Biometrika
+        26:404); else `low` and `high`.
     """
     if not count or share not in {0.0, 1.0}:
         return low, high
@@ -91,8 +119,18 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
 def rate_interval(events: float, minutes: float) -> tuple[float, float]:
     """Return the interval of the rate of independent events, in events per minute.
 
-    Without an event it is from 0 to 3 / `minutes` (the rule of three), else it is the exact
-    interval of a Poisson process (Garwood 1936, Biometrika 28:437).
+    Parameters
+    ----------
+    events : float
+        Number of events, at least 0.
+    minutes : float
+        The time in which they were counted, above 0.
+
+    Returns
+    -------
+    tuple of float
+        Without an event from 0 to 3 / `minutes` (the rule of three), else the exact interval of a
+        Poisson process (Garwood 1936, Biometrika 28:437).
     """
     if not events:
         return 0.0, RULE_OF_THREE / minutes
