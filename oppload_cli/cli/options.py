@@ -257,15 +257,16 @@ def settings_options(
     options = [
         models_option(
             metavar="NAME[:VARIANT|PRESET]",
-            help="A detector to run: its NAME in 'oppload models', NAME:VARIANT, A,B for several, "
-            "or all; may be given again. NAME:PRESET also chooses the preset.  "
-            "[default: the two of the paper]",
+            help="Detectors to run, as A,B or given again; all runs all. 'oppload models' lists "
+            "the names. NAME:PRESET also chooses the preset, NAME:VARIANT a variant.  "
+            "[default: opplod,dlgmd]",
         ),
         click.option(
             "--preset",
             metavar="NAME",
             shell_complete=_complete_presets,
-            help=f"A named parameter set: {', '.join(PRESETS)}; see 'oppload models'.  "
+            help=f"Named set of parameters: {', '.join(PRESETS)}; 'oppload models' says what each "
+            f"is for.  "
             f"[default: {preset}]",
         ),
         click.option(
@@ -274,7 +275,7 @@ def settings_options(
             multiple=True,
             metavar="SET.PARAMETER=VALUE",
             shell_complete=_complete_settings,
-            help=f"One parameter, e.g. {EXAMPLE_SETTING}; 'oppload models NAME' lists them.",
+            help=f"Set one parameter, e.g. {EXAMPLE_SETTING}; 'oppload models NAME' lists them.",
         ),
         click.option(
             "--config",
@@ -285,7 +286,8 @@ def settings_options(
         click.option(
             "--height",
             metavar="PX|native",
-            help="Working height (of portrait videos: width); the other side follows.  "
+            help="Height to which frames are resized before the detectors see them (of portrait "
+            "videos: width); the other side follows. Another height gives other results.  "
             f"[default: {PRESETS[DEFAULT_PRESET].height}, preset paper {PRESETS['paper'].height}]",
         ),
         repeats_option,
@@ -296,7 +298,7 @@ def settings_options(
                 "--fov",
                 metavar="DEGREES",
                 help="Horizontal field of view of the camera, across the frame: adds results in "
-                "degrees, and sizes may be given as 60deg.",
+                "degrees, and lets --set take sizes such as 60deg.",
             ),
             click.option(
                 "--no-rmo",

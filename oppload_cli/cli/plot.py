@@ -56,7 +56,7 @@ _EFFECTS = {
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="All results in one figure: .png, .svg or .pdf.  [default: a .png beside each "
-    "result; that of an unusual kind ends in .KIND.png]",
+    "result; with another --kind than the default, .KIND.png]",
 )
 @click.option(
     "--kind",

@@ -45,7 +45,7 @@ def report(
 
     RESULT is a frames.csv of 'oppload run', or a folder of results, searched to any depth.
     The page NAME.report.html holds the video with its boxes, the responses divided by their
-    thresholds, RMO, the truth of a stimulus, the alarms and the settings, all in sync. A
+    thresholds, RMO, the ground truth of a stimulus, the alarms and the settings, all in sync. A
     long video is a file beside the page, NAME.report.mp4. For several results there is
     also index.html, a table of them that can be sorted.
     """

@@ -74,7 +74,12 @@ from oppload_cli.video.opening import Opening, is_video_file
     help="End with exit code 5: alarm, if any input had an alarm; no-alarm, if any input had none.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
-@click.option("-v", "--verbose", is_flag=True, help="Print the sizes that the models see.")
+@click.option(
+    "-v",
+    "--verbose",
+    is_flag=True,
+    help="Also print the working size, and all remarks on many inputs.",
+)
 def run(
     inputs: tuple[str, ...],
     start: str | None,

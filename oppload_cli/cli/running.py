@@ -377,7 +377,7 @@ class _Batch:
                 inputs = "input has" if more == 1 else "inputs have"
                 say(
                     f"oppload: {more} more {inputs} remarks such as those above; the sidecars hold "
-                    f"all remarks (time and decode), and -v prints them"
+                    f"all of them (remarks), and -v prints them"
                 )
         if self._tally.failures and is_file(self._failures):
             say(f"oppload: the failed inputs are in {self._failures}; try them again with:")

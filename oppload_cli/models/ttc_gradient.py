@@ -83,7 +83,7 @@ class TtcGradient(Detector):
     evaluated = False
     year = 2007
     reference = "Horn, Fang and Masaki, IEEE Intelligent Vehicles"
-    answers_to = "expansion of textured surfaces, whatever their contrast"
+    answers_to = "expansion of textured surfaces of any contrast"
     made_for = "any size and rate"
     cost_ms = 4.5
     least_size = 9, 9

@@ -332,7 +332,7 @@ def _points(name: str, values: ArrayLike) -> Points:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ParameterError(
-            f"{name} holds something else than pairs of numbers ({error})"
+            f"{name} holds something other than pairs of numbers ({error})"
         ) from error
     if array.ndim == 0 or array.shape[-1] != 2:
         raise ParameterError(f"{name} is of shape {array.shape}; its last axis must be (x, y)")

@@ -276,13 +276,14 @@ class FrameTimes:
             )
         if rate < _LEAST_RATE:
             remarks.append(
-                f"{rate:.3g} frames/s are too few for the models, whose interval is 1/30 s; "
-                f"below {_LEAST_RATE:.0f} expect missed approaches"
+                f"{rate:.3g} frames/s are too few for the models, which compare pictures 1/30 s "
+                f"apart; below {_LEAST_RATE:.0f} frames/s expect missed approaches"
             )
         elif self._slow_s > _FOR_LONG_S:
             remarks.append(
                 f"for {self._slow_s:.0f} s in all, frames came at less than {_LEAST_RATE:.0f} per "
-                "second, too few for the models, whose interval is 1/30 s: expect missed approaches"
+                "second, too few for the models, which compare pictures 1/30 s apart: expect "
+                "missed approaches"
             )
         return remarks
 

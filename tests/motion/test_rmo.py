@@ -340,8 +340,8 @@ def test_zero_tolerances_leave_no_pair() -> None:
         (np.zeros((2, 3)), np.zeros((2, 3)), "last axis"),
         (np.zeros((2, 2)), [[np.nan, 1], [1, 1]], "vectors holds numbers that are not finite"),
         ([[np.inf, 1], [1, 1]], np.zeros((2, 2)), "starts holds numbers that are not finite"),
-        (np.zeros((2, 2)), [["left", 1], [1, 1]], "vectors holds something else than pairs of"),
-        (np.zeros((2, 2)), [[1, 1], [1]], "vectors holds something else than pairs of"),
+        (np.zeros((2, 2)), [["left", 1], [1, 1]], "vectors holds something other than pairs of"),
+        (np.zeros((2, 2)), [[1, 1], [1]], "vectors holds something other than pairs of"),
     ],
 )
 def test_arrays_of_the_wrong_kind(starts: Points, vectors: Points, message: str) -> None:

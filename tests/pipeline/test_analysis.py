@@ -480,7 +480,7 @@ def test_times_of_another_unit_give_a_warning(per_second: float, apart: str) -> 
     with pytest.warns(UserWarning, match=re.escape(sentence)):
         analysis.step(frames[9], 9 / 30 * per_second)
     slow, unit = analysis.remarks
-    assert "frames/s are too few for the models, whose interval is 1/30 s" in slow
+    assert "frames/s are too few for the models, which compare pictures 1/30 s" in slow
     assert unit == sentence
 
 
