@@ -69,10 +69,12 @@ def parameters() -> str:
     """Return the page of all parameters."""
     parts = [
         "# Parameters",
-        "Set a parameter with `--set set.parameter=value`, or in a configuration file: see"
-        " `oppload config`.",
+        "Set a parameter with `--set`, such as `--set opplod.gain=2` for the parameter `gain` of"
+        " the set `opplod`, or in a configuration file (see `oppload config`).",
         "The default *auto* follows from the working height of the video. The defaults are those"
-        " of preset `default`; `oppload models PRESET` lists what a preset changes.",
+        " of preset `default`; `oppload models PRESET` lists what a preset changes. Of OppLoD,"
+        " `kernel_height` to `calcium_s` have an effect only with `judgement=arms`, as in preset"
+        " `lplc2`.",
         "",
     ]
     for name, (meaning, kind) in parameter_sets().items():
