@@ -184,7 +184,7 @@ class AlarmTable:
             yield from self._header()
         self._is_new = False
         cells = {each.model: _cell(each) for each in outcome.verdicts}
-        self._stars = self._stars or any(map(_is_uncounted, outcome.verdicts))
+        self._stars = self._stars or any(each.is_uncounted for each in outcome.verdicts)
         name = printable(name)  # as it is printed: an escaped character is wider than its name
         shown = name if len(name) <= self._wide else f"...{name[3 - self._wide :]}"
         end = "skipped" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
@@ -217,14 +217,8 @@ class AlarmTable:
 
 def _cell(verdict: Verdict) -> str:
     first = f"{verdict.alarms[0].start_s:.2f} s" if verdict.alarms else "-"
-    star = "*" if _is_uncounted(verdict) else ""
+    star = "*" if verdict.is_uncounted else ""
     return f"{first:<13}{'-' if verdict.peak is None else f'{times(verdict.peak)} x{star}'}"
-
-
-def _is_uncounted(verdict: Verdict) -> bool:
-    """Tell whether the peak exceeds the threshold and the peaks of all alarms."""
-    peaks_of_alarms = (each.peak_over_threshold for each in verdict.alarms)
-    return (verdict.peak or 0.0) > max([1.0, *peaks_of_alarms])
 
 
 def incomplete(task: Task, outcome: Outcome) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from fractions import Fraction
+from itertools import islice
 from statistics import median
 from typing import TYPE_CHECKING
 
@@ -86,7 +87,6 @@ class Alarm:
         self._floor = self.params.floor_of(name) if self.params.on else math.inf
         self._background = Background(self.params.background_s, self.params.guard_s)
         self._above: deque[tuple[float, float]] = deque()
-        self._before_s: float | None = None
         self._steps = _Steps()
         self._until_s = self._ready_s = -math.inf
         self._on = self._counted = False
@@ -125,6 +125,7 @@ class Alarm:
             Whether the alarm is on. In the first frame after the end of an alarm it is off, even if
             this frame has enough evidence: the next alarm starts in a later frame.
         """
+        before_s = self._steps.before_s
         is_gap = self._steps.gap_s(time_s) > 0
         held = time_s <= self._until_s + ROUNDING_S
         ended = self._on and not held and (is_gap or not self._counted)
@@ -134,7 +135,7 @@ class Alarm:
         self.evidence = self.params.evidence(response, contact_s)
         above = self.evidence > share * self.threshold and not blind
         above = above and (self._on or not sudden)
-        enough = self._long_enough(above, time_s)
+        enough = self._long_enough(above, time_s, before_s)
         self._counted = enough and not ended and (self._on or time_s >= self._ready_s - ROUNDING_S)
         if self._counted:
             self._until_s = time_s + self.params.hold_s
@@ -143,8 +144,7 @@ class Alarm:
             self._ready_s = (self._until_s if is_gap else time_s) + self.params.refractory_s
         return self._on
 
-    def _long_enough(self, above: bool, time_s: float) -> bool:
-        before_s = time_s if self._before_s is None else self._before_s
+    def _long_enough(self, above: bool, time_s: float, before_s: float) -> bool:
         oldest = time_s - self.params.window_s
         if self.params.enough_s:  # keep the frame before, also if frames come rarely
             oldest = min(oldest - _SAME_S, before_s)
@@ -152,12 +152,9 @@ class Alarm:
             self._above.popleft()
         if above:
             self._above.append((time_s, time_s - before_s))
-        self._before_s = time_s
-        if not self._above:
-            return False
-        first_s = self._above[0][1]
-        lasted_s = sum(lasted for _, lasted in self._above) - first_s
-        return lasted_s >= self.params.enough_s - _SAME_S
+        # Evidence lasts from its first frame to its latest one: the step to the first is left out.
+        lasted_s = sum(lasted for _, lasted in islice(self._above, 1, None))
+        return bool(self._above) and lasted_s >= self.params.enough_s - _SAME_S
 
 
 class Cuts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
@@ -205,7 +206,7 @@ class Places:
         self._products: Products | None = None
         self._tracks: list[Track] = []
         self._count = 0
-        self._before_s: float | None = None
+        self._before_s = math.inf  # time of the frame before
         self._frames: deque[tuple[float, Pyramid]] = deque()
 
     def step(self, maps: UnitMaps, luma: Map, time_s: float) -> list[Track]:
@@ -231,9 +232,7 @@ class Places:
             self._look(luma, time_s)
         found = _peaks(maps, self._params)
         self._products = Products(maps) if found and maps.pathways else None
-        oldest = time_s - self._params.gap_s - ROUNDING_S
-        if self._before_s is not None:
-            oldest = min(oldest, self._before_s)
+        oldest = min(time_s - self._params.gap_s - ROUNDING_S, self._before_s)
         self._tracks = [track for track in self._tracks if track.seen_s >= oldest]
         shown: list[Track] = []
         for peak in found:

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
 _COMMAND_LINE = "command line"
 _USUAL, ALL_COLUMNS = "usual", "all"  # values of the setting `columns`
-_TOP_LEVEL = ("preset", "models", "height", "fov", "measure_rmo", "columns")
 
 
 @dataclass(frozen=True)
@@ -233,7 +232,7 @@ def resolve(
         "time": time_params(chosen.name),
     }
     known = {f"{group}.{name}" for group, params in groups.items() for name in params.names()}
-    origins = dict.fromkeys([*_TOP_LEVEL, *sorted(known)], f"preset {chosen.name}")
+    origins = dict.fromkeys(["preset", *_TOP_READERS, *sorted(known)], f"preset {chosen.name}")
     origins["preset"] = _COMMAND_LINE if preset else source if "preset" in content else "default"
     settings = Settings(chosen.name, default_names(), chosen.height, True, groups, origins)
     settings = _with_file(settings, content, source)
@@ -270,7 +269,7 @@ def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> S
     groups, origins = dict(settings.groups), dict(settings.origins)
     top: dict[str, Any] = {}
     angles: dict[str, float] = {}
-    known = [*_TOP_LEVEL, *groups]
+    known = ["preset", *_TOP_READERS, *groups]
     for key, value in content.items():
         try:
             if key not in known:

@@ -78,6 +78,12 @@ class Verdict(NamedTuple):
         """Largest ratio of the response to its threshold; during alarms only, if there are any."""
         return max((each.peak_over_threshold for each in self.alarms), default=self.peak or 0.0)
 
+    @property
+    def is_uncounted(self) -> bool:
+        """Whether the peak exceeds the threshold and the peaks of all alarms."""
+        peaks_of_alarms = (each.peak_over_threshold for each in self.alarms)
+        return (self.peak or 0.0) > max([1.0, *peaks_of_alarms])
+
     def __str__(self) -> str:
         """Return the verdict as a text, such as ``no alarm, peak at 0.2 of the threshold``."""
         if not self.alarms:
@@ -87,7 +93,7 @@ class Verdict(NamedTuple):
         contact_s = first.time_to_contact_s
         contact = "" if contact_s is None else f", contact estimated {contact_s:.1f} s later"
         largest = f", response up to {times(self.strongest)} times the threshold"
-        if (self.peak or 0.0) > max(self.strongest, 1.0):
+        if self.is_uncounted:
             why = uncounted(self.peak_blind, beside_alarms=True)
             largest += f" (the peak is {times(self.peak or 0.0)} times, {why})"
         if not self.strongest:
@@ -109,7 +115,7 @@ class Verdict(NamedTuple):
     @property
     def _silence(self) -> str:
         peak = self.peak or 0.0
-        if peak > 1:
+        if self.is_uncounted:
             return f", peak at {times(peak)} times the threshold, {uncounted(self.peak_blind)}"
         return f", peak at {times(peak)} of the threshold" if peak else ""
 

@@ -373,7 +373,7 @@ def _holds_images(path: Path) -> bool:
     return is_folder(path) or bool(NUMBER.search(path.name) and is_folder(path.parent))
 
 
-def result_threshold(result: BaseResult, name: str) -> Series:
+def known_threshold(result: BaseResult, name: str) -> Series | None:
     """Return the threshold of a detector's alarm in each frame of a result.
 
     Parameters
@@ -385,14 +385,17 @@ def result_threshold(result: BaseResult, name: str) -> Series:
 
     Returns
     -------
-    ndarray, shape (n,)
-        The threshold as ``docs/alarms.md`` defines it; NaN during warm-up.
+    ndarray, shape (n,), or None
+        The threshold as ``docs/alarms.md`` defines it; NaN during warm-up, and where it is 0. None
+        if the alarms were off.
 
     Raises
     ------
     ResultError
         If the sidecar has an unknown parameter or value of the alarm.
     """
+    if f"{name}_alarm" not in result.frames.columns:
+        return None
     time_s = result.frames["time_s"].to_numpy(float)
     response = result.frames[f"{name}_response"].to_numpy(float)
     alarm = Alarm(name, _alarm_params(result))
@@ -400,14 +403,6 @@ def result_threshold(result: BaseResult, name: str) -> Series:
     for frame in np.flatnonzero(np.isfinite(response)):
         alarm.step(float(response[frame]), float(time_s[frame]))
         threshold[frame] = alarm.threshold
-    return threshold
-
-
-def known_threshold(result: BaseResult, name: str) -> Series | None:
-    """Return :func:`result_threshold` with NaN in place of 0; None if the alarms were off."""
-    if f"{name}_alarm" not in result.frames.columns:
-        return None
-    threshold = result_threshold(result, name)
     known = np.isfinite(threshold) & (threshold > 0)
     return np.where(known, threshold, np.nan) if known.any() else None
 

@@ -108,14 +108,13 @@ class ContainerSource:
         self._remote = "://" in name
         self._only_once = self._remote or not is_file(name)  # a stream or a pipe
         self._arrived_s = 0.0  # when the latest packet came
-        # Careful decoding uses no frame threads. An input without a second pass needs it at once.
-        self._careful = self._only_once
         self._threads = threads
         self._container = self._opened()
         try:
             self._stream = self._video_stream(self._container)
             self._codec = self._stream.codec_context.codec.canonical_name
-            self._careful |= self._codec in _SILENT_CODECS | _INDEPENDENT_SLICES
+            # Careful decoding uses no frame threads; an input without a second pass needs it.
+            self._careful = self._only_once or self._codec in _SILENT_CODECS | _INDEPENDENT_SLICES
             self._prepare()
             frames = self._reproducibly_decoded()
             first = self._first_of(frames)

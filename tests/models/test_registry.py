@@ -17,7 +17,7 @@ from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.presets import PRESETS, VARIANTS, preset_in, preset_named
 from oppload_cli.models.published.lgmd1_group import Lgmd1GroupPaperParams
-from oppload_cli.pipeline.settings import _TOP_LEVEL, parameter_sets
+from oppload_cli.pipeline.settings import _TOP_READERS, parameter_sets
 from oppload_cli.schema import Parameters
 
 if TYPE_CHECKING:
@@ -255,7 +255,8 @@ def test_a_wrong_detector_is_refused_with_its_name_and_the_reason(
 
 
 @pytest.mark.parametrize(
-    "name", sorted({*parameter_sets(), *_TOP_LEVEL, registry.ALL} - {*registry.known_names()})
+    "name",
+    sorted({*parameter_sets(), "preset", *_TOP_READERS, registry.ALL} - {*registry.known_names()}),
 )
 def test_a_name_with_a_meaning_in_settings_is_taken(name: str) -> None:
     with pytest.raises(ParameterError, match=f"detector '{name}' .*: its name is taken"):
