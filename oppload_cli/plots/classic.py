@@ -36,12 +36,17 @@ class TuningCurve(NamedTuple):
 
     tuning: Tuning
     detector: type[Detector]
-    name: str  # of the detector, after that of the table if there are several tables
+    table: str  # its name if there are several tables, else empty
     look: dict[str, Any]  # line properties of matplotlib
     rows: pd.DataFrame  # of the detector
     peaks: Series  # in each row
     largest: float  # the largest peak
     doubts: str  # why the curve means little; a line break before each reason
+
+    @property
+    def name(self) -> str:
+        """The name of the detector, after that of the table if there are several tables."""
+        return f"{self.table}: {self.detector.label}" if self.table else self.detector.label
 
     @property
     def label(self) -> str:
@@ -68,7 +73,7 @@ class Request(NamedTuple):
                     f"{self.tunings[0].path}: column 'model' never holds '{model}'; leave it out"
                 )
         shown = [
-            (tuning, detector_named(model), f"{name}: " * (len(self.tunings) > 1), rows)
+            (tuning, detector_named(model), name * (len(self.tunings) > 1), rows)
             for tuning, name in zip(self.tunings, self.names, strict=True)
             for model in self.models or tuning.models
             if len(rows := tuning.of(model))
@@ -76,10 +81,9 @@ class Request(NamedTuple):
         looks = style.looks_of([detector.name for _, detector, _, _ in shown])
         curves = []
         for (tuning, detector, table, rows), look in zip(shown, looks, strict=True):
-            peaks = rows["peak"].to_numpy(float)
-            name, doubts = table + detector.label, style.doubts_of(tuning, detector.name)
+            peaks, doubts = rows["peak"].to_numpy(float), style.doubts_of(tuning, detector.name)
             largest = float(peaks.max())
-            curves.append(TuningCurve(tuning, detector, name, look, rows, peaks, largest, doubts))
+            curves.append(TuningCurve(tuning, detector, table, look, rows, peaks, largest, doubts))
         return curves
 
     def of_one_table(self, figure: str) -> list[TuningCurve]:

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from matplotlib.transforms import ScaledTranslation
 
 from oppload_cli.errors import ResultError
-from oppload_cli.models.registry import alarm_floor_of, detector_named, is_rounding_error
+from oppload_cli.models.registry import alarm_floor_of, is_rounding_error
 from oppload_cli.plots import style
 from oppload_cli.reference import BAR_WIDTHS, bar_tuning
 from oppload_cli.stimulus.catalogue import entries
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
+    from oppload_cli.plots.classic import Request, TuningCurve
     from oppload_cli.results.reading import Series, Tuning
 
 _TURN = 2 * np.pi
@@ -136,18 +137,13 @@ class DirectionTuning:
         )
 
 
-def direction_tunings(
-    tunings: Sequence[Tuning],
-    detectors: Sequence[str] = (),
-    lplc2: str = "auto",
-    labels: Sequence[str] = (),
-) -> list[DirectionTuning]:
+def direction_tunings(request: Request, lplc2: str = "auto") -> list[DirectionTuning]:
     """Return the curves of a polar plot of tuning tables.
 
     Parameters
     ----------
-    tunings, detectors, labels
-        As for :func:`oppload_cli.plot_tuning`, where `detectors` are the `models`.
+    request : Request
+        The tables and the detectors.
     lplc2 : str
         Width of the bar whose LPLC2 tuning is added, ``10`` or ``60``; ``none``; or ``auto`` for
         the width in the stimulus's name, if the stimulus shows the bar of the catalogue.
@@ -155,20 +151,13 @@ def direction_tunings(
     Raises
     ------
     ResultError
-        If a table has no direction, more than one parameter, or lacks a detector.
+        If a table has no direction or more than one parameter, or if no table has a detector.
     """
-    names = style.labels_of(tunings, labels)
-    shown = [
-        (tuning, name, table)
-        for tuning, table in zip(tunings, names, strict=True)
-        for name in detectors or tuning.models
-    ]
-    looks = style.looks_of([name for _, name, _ in shown])
-    curves = [
-        _of_detector(tuning, name, table if len(names) > 1 else "", look)
-        for (tuning, name, table), look in zip(shown, looks, strict=True)
-    ]
-    width = _bar_width(tunings) if lplc2 == "auto" else int(lplc2) if lplc2.isdigit() else None
+    curves = [direction_tuning(curve) for curve in request.curves()]
+    if lplc2 == "auto":
+        width = _bar_width(request.tunings)
+    else:
+        width = int(lplc2) if lplc2.isdigit() else None
     reference = bar_tuning(width) if width else {}
     if reference:
         angles, values = full_circle(np.array(list(reference)), np.array(list(reference.values())))
@@ -178,10 +167,9 @@ def direction_tunings(
     return curves
 
 
-def _of_detector(
-    tuning: Tuning, detector: str, table: str, look: dict[str, Any]
-) -> DirectionTuning:
-    """Return the curve of a detector; its name contains that of the table, if `table` has one."""
+def direction_tuning(curve: TuningCurve) -> DirectionTuning:
+    """Return the curve of one detector; raises ResultError as :func:`direction_tunings` does."""
+    tuning, detector = curve.tuning, curve.detector
     direction = tuning.direction
     if direction is None:
         kind = "heat" if len(tuning.parameters) == 2 else "line"
@@ -193,26 +181,22 @@ def _of_detector(
         two = len(tuning.parameters) == 2
         advice = "draw kind 'heat'" if two else "a plot shows two swept columns at most"
         raise ResultError(f"{tuning.path}: column '{other}' is swept too; {advice}")
-    rows = tuning.of(detector)
-    if rows.empty:
-        raise ResultError(f"{tuning.path}: column 'model' never holds '{detector}'; leave it out")
-    angles, values = rows[direction].to_numpy(float), rows["peak"].to_numpy(float)
+    angles, values = curve.rows[direction].to_numpy(float), curve.peaks
     preset = tuning.sidecar.get("preset")
     if isinstance(preset, str) and is_rounding_error(
-        values.max(), alarm_floor_of(detector, preset)
+        curve.largest, alarm_floor_of(detector.name, preset)
     ):
         values = np.zeros_like(values)
     angles, values = (full_circle if tuning.symmetric else _in_order)(angles, values)
-    shown = detector_named(detector)
     return DirectionTuning(
-        f"{shown.label}, {table}" if table else shown.label,
+        f"{detector.label}, {curve.table}" if curve.table else detector.label,
         angles,
         values,
-        shown.unit,
-        {**look, "markersize": 2.2},
+        detector.unit,
+        {**curve.look, "markersize": 2.2},
         tuning.symmetric,
         _TURNED if direction == _SCENE else _MOTION,
-        style.doubts_of(tuning, detector),
+        curve.doubts,
     )
 
 

@@ -14,7 +14,7 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.plots import style
 from oppload_cli.plots.classic import FIGURES, Request, TuningCurve, legend_above
 from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
-from oppload_cli.plots.polar import direction_tunings, plot_polar
+from oppload_cli.plots.polar import direction_tuning, direction_tunings, plot_polar
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import Tuning
 from oppload_cli.stimulus.catalogue import in_toml
@@ -117,12 +117,11 @@ def plot_tuning(
             )
     title = _title(tunings, kind) if title is None else title
     shown = [_reduced(each) for each in tunings] if kind in {"polar", "line"} else tunings
+    request = Request(shown, models, names, title, published, scale == "raw")
     if kind == "polar":
-        curves = direction_tunings(shown, models, lplc2, names)
-        figure, axes = plot_polar(curves, raw=scale == "raw", title=title)
+        figure, axes = plot_polar(direction_tunings(request, lplc2), raw=request.raw, title=title)
     else:
         plots = {"line": _plot_line, "heat": _plot_heat, "contact": plot_contact, **FIGURES}
-        request = Request(shown, models, names, title, published, scale == "raw")
         figure, axes = plots[kind](request)
     _write_below(figure, _settings_lines(tunings, names))
     return figure, axes
@@ -158,12 +157,11 @@ def lines_of(
     kinds have no lines. The parameters are those of :func:`plot_tuning`.
     """
     kind = kind or kind_of(tunings[0])
+    request = Request(tunings, models, style.labels_of(tunings, labels))
     if kind == "polar":
-        tunings = [_reduced(each) for each in tunings]
-        return [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
-    if kind == "contact":
-        return contact_lines(Request(tunings, models, style.labels_of(tunings, labels)))
-    return []
+        request = request._replace(tunings=[_reduced(each) for each in tunings])
+        return [each.line() for each in direction_tunings(request, lplc2)]
+    return contact_lines(request) if kind == "contact" else []
 
 
 def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
@@ -181,7 +179,8 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
     """
     kind = kind_of(tuning)
     summary: dict[str, dict[str, Any]] = {}
-    for each in Request([tuning], (), [tuning.name]).curves():
+    shown = _reduced(tuning) if kind == "polar" else tuning
+    for each in Request([shown], (), [tuning.name]).curves():
         name, largest = each.detector.name, each.largest
         least = float(each.peaks.min()) / largest if largest > 0 else None
         summary[name] = {"largest_peak": largest, "least_over_largest": least}
@@ -195,8 +194,7 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
                 "delay_error_s": fit.delay_error_s,
             }
         if kind == "polar":
-            (curve,) = direction_tunings([_reduced(tuning)], [name], "none")
-            numbers = curve.numbers
+            numbers = direction_tuning(each).numbers
             summary[name] |= {
                 "preferred_deg": numbers.preferred_deg if numbers.peak > 0 else None,
                 "direction_selectivity_index": numbers.direction_index,

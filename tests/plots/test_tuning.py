@@ -13,9 +13,10 @@ from scipy.special import stdtrit
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
+from oppload_cli.plots.classic import Request
 from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.curves import plot_curves
-from oppload_cli.plots.polar import direction_tunings
+from oppload_cli.plots.polar import DirectionTuning, direction_tunings
 from oppload_cli.plots.rmo import plot_rmo
 from oppload_cli.plots.style import CYCLE, FAINT, MARKERS, MOST_HEIGHT, described, looks_of
 from oppload_cli.plots.tuning import plot_tuning
@@ -25,6 +26,7 @@ from oppload_cli.stimulus.catalogue import find
 from tests.results.make import write_tuning
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.lines import Line2D
@@ -47,11 +49,17 @@ def y_of(line: Line2D) -> NDArray[np.float64]:
     return np.asarray(line.get_ydata(), float)
 
 
+def polar_curves(
+    tuning: Tuning, models: Sequence[str] = (), lplc2: str = "auto"
+) -> list[DirectionTuning]:
+    return direction_tunings(Request([tuning], models, [tuning.name]), lplc2)
+
+
 def test_a_symmetric_axis_is_drawn_all_round_beside_lplc2(tmp_path: Path) -> None:
     tuning = made(tmp_path, AXES, PEAKS, symmetric=True)
     figure, _ = plot_tuning([tuning])
     opplod, dlgmd, lplc2 = figure.axes[0].lines
-    lines = [curve.line() for curve in direction_tunings([tuning])]
+    lines = [curve.line() for curve in polar_curves(tuning)]
     np.testing.assert_allclose(np.rad2deg(np.asarray(opplod.get_xdata()))[:3], [0, 45, 90])
     np.testing.assert_allclose(y_of(opplod), [0.25, 1] * 4 + [0.25])
     np.testing.assert_allclose(y_of(dlgmd), 0)
@@ -67,7 +75,7 @@ def test_a_symmetric_axis_is_drawn_all_round_beside_lplc2(tmp_path: Path) -> Non
 def test_rounding_errors_are_no_response(tmp_path: Path) -> None:
     """Pathways that cancel leave 1e-14 of a response, which depends on the direction."""
     tuning = made(tmp_path, AXES, {"opplod": [1e-14, 2e-14, 0, 1e-14]}, preset="reference")
-    (curve,) = direction_tunings([tuning], (), "none")
+    (curve,) = polar_curves(tuning, lplc2="none")
     assert curve.line() == "OppLoD: no response"
 
 
@@ -88,7 +96,7 @@ def test_lplc2_stands_beside_its_own_bar_only(tmp_path: Path) -> None:
     ):
         first = entry.with_settings(changes).protocols()[0].as_table()
         tuning.sidecar["stimulus"]["first"] = first
-        names = [curve.name for curve in direction_tunings([tuning])]
+        names = [curve.name for curve in polar_curves(tuning)]
         assert any(name.startswith("LPLC2") for name in names) == overlaid, changes
 
 
@@ -108,7 +116,7 @@ def test_more_than_a_plot_can_show_is_refused(first: str, reason: str, tmp_path:
 
 def test_without_symmetry_a_half_circle_stays_open(tmp_path: Path) -> None:
     tuning = made(tmp_path, AXES, PEAKS)
-    (curve,) = direction_tunings([tuning], ["opplod"], "none")
+    (curve,) = polar_curves(tuning, ["opplod"], "none")
     np.testing.assert_array_equal(curve.angles_deg, [0, 45, 90, 135])
     line = plot_tuning([tuning], models=["opplod"], lplc2="none")[1][0].lines[0]
     assert len(np.asarray(line.get_xdata())) == 4
@@ -119,7 +127,7 @@ def test_a_direction_that_was_shown_twice_is_drawn_once(tmp_path: Path) -> None:
     circle = {"bar.axis_deg": [float(angle) for angle in range(0, 361, 45)]}
     peaks = {"opplod": [1.0, 2, 1, 2, 1, 2, 1, 2, 1]}
     tuning = made(tmp_path, circle, peaks)
-    (curve,) = direction_tunings([tuning], (), "none")
+    (curve,) = polar_curves(tuning, lplc2="none")
     np.testing.assert_array_equal(curve.angles_deg, circle["bar.axis_deg"][:-1])
     assert "axis selectivity index 0.000" in curve.line()
 
@@ -641,5 +649,5 @@ def test_a_rotated_scene_is_no_direction_of_motion(tmp_path: Path) -> None:
         tuning = made(tmp_path, {key: AXES["bar.axis_deg"]}, PEAKS)
         _, (panel,) = plot_tuning(tuning)
         assert panel.get_xlabel() == f"radius: response / peak; angle: {angle}"
-        names = [curve.name for curve in direction_tunings([tuning])]
+        names = [curve.name for curve in polar_curves(tuning)]
         assert any(name.startswith("LPLC2") for name in names) == (key == "bar.axis_deg")
