@@ -13,7 +13,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
 
 _NO_MEMORY = (
@@ -184,12 +184,23 @@ def suggestion(word: object, known: Iterable[str]) -> str:
     The hint names the most similar known word, the known words that end in ``_word``, or else all
     known words.
     """
+    names = sorted(known)
+    similar = _similar(word, names)
+    if len(similar) == 1:
+        return f"; did you mean '{similar[0]}'?"
+    return f"; choose {', '.join(similar or names)}" if names else ""
+
+
+def nearest(word: object, known: Iterable[str]) -> str:
+    """Return the one known word that `suggestion` takes for a misspelt word; else an empty text."""
+    similar = _similar(word, sorted(known))
+    return similar[0] if len(similar) == 1 else ""
+
+
+def _similar(word: object, names: Sequence[str]) -> list[str]:
     import difflib  # noqa: PLC0415 - only for a misspelt word
 
-    word, names = str(word), sorted(known)  # from Python also None or a number
+    word = str(word)  # from Python also None or a number
     begun = [name for name in names if len(word) > 2 and name.startswith(word)]
     ended = [name for name in names if name.endswith(f"_{word}")]
-    near = begun[:1] or ended or difflib.get_close_matches(word, names, n=1, cutoff=0.6)
-    if len(near) == 1:
-        return f"; did you mean '{near[0]}'?"
-    return f"; choose {', '.join(near or names)}" if names else ""
+    return begun[:1] or ended or difflib.get_close_matches(word, names, n=1, cutoff=0.6)

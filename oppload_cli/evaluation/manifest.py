@@ -14,7 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli import stimulus
-from oppload_cli.errors import ManifestError, ParameterError, SourceError, StimulusError, suggestion
+from oppload_cli.errors import (
+    ManifestError,
+    ParameterError,
+    SourceError,
+    StimulusError,
+    nearest,
+    suggestion,
+)
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.models.detector import Box
@@ -117,8 +124,8 @@ def _notes_of(path: Path, header: Sequence[str]) -> tuple[str, ...]:
 
 def _meant(name: str, known: Sequence[str]) -> str:
     """Return the known name that is similar to a misspelt name, in brackets; empty if none is."""
-    near = suggestion(name, known)
-    return f" ({near.removeprefix('; ')})" if near.startswith("; did you mean") else ""
+    near = nearest(name, known)
+    return f" (did you mean '{near}'?)" if near else ""
 
 
 def _check_header(path: Path, header: Sequence[str]) -> None:

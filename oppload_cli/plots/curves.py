@@ -249,10 +249,7 @@ def _draw_panel(
     texts: list[str] = axes.get_legend_handles_labels()[1]
     lines = sum(each.count("\n") + 1 for each in texts)
     axes.set_title(style.wrapped(title, style.TITLE_WIDTH), pad=4 + 9 * lines)
-    legend = axes.legend(
-        loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1,
-        labelspacing=0.25, handlelength=1.8,
-    )  # fmt: skip
+    legend = style.legend_over(axes, labelspacing=0.25, handlelength=1.8)
     legend.set_in_layout(False)  # a long name must not make the panel smaller
     return lines
 
@@ -267,10 +264,8 @@ def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
         dash, label = style.DASHES[number % len(style.DASHES)], style.wrapped(name, _NAME_WIDTH)
         axes.plot(time, np.array(size, float), color=style.INK, lw=1, linestyle=dash, label=label)
     if 1 < len(sizes) <= len(style.DASHES):
-        axes.legend(
-            loc="lower left", bbox_to_anchor=(0, 1), ncols=len(sizes), borderaxespad=0.1,
-            borderpad=0.1, fontsize=6, handlelength=2.2, columnspacing=1,
-        )  # fmt: skip
+        look = {"fontsize": 6, "handlelength": 2.2, "columnspacing": 1}
+        style.legend_over(axes, ncols=len(sizes), **look)
     axes.set_ylim(bottom=0)
     axes.fill_between(
         time, 0, 1, where=looming, transform=axes.get_xaxis_transform(), color=style.FAINT,

@@ -106,7 +106,7 @@ def _draw(panels: Sequence[Axes], result: BaseResult, xlim: tuple[float, float] 
     middle.plot(time, mean, color=_MEAN, linestyle="-", label="mean of ROM pairs")
     middle.plot(time, largest, color=_MEAN, lw=0.9, linestyle="--", label="max of ROM pairs")
     middle.set(ylim=(-0.04, 1.08), ylabel="RMO")
-    middle.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderpad=0, borderaxespad=0.1)
+    style.legend_over(middle, ncols=2, borderpad=0)
     lower.plot(time, 100 * share, color=style.INK)
     lower.set_ylim(bottom=0)
     lower.set_ylabel("ROM pairs (%)")

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.colorbar import Colorbar
+    from matplotlib.legend import Legend
     from numpy.typing import NDArray
 
 
@@ -133,6 +134,12 @@ def panel_grid(figure: Figure, count: int, columns: int, **options: Any) -> list
     for panel in grid[:count][-columns:]:  # the lowest of each column, also above an empty place
         panel.tick_params(labelbottom=True)
     return list(grid[:count])
+
+
+def legend_over(axes: Axes, **options: Any) -> Legend:
+    """Draw the legend right above the axes, with options of ``Axes.legend``."""
+    options = {"borderpad": 0.1, **options}
+    return axes.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, **options)
 
 
 def write_title(figure: Figure, title: str | None, width: int = TITLE_WIDTH) -> None:
@@ -288,7 +295,7 @@ def save(figure: Figure, path: Path) -> None:
         If the file cannot be written.
     """
     check_suffix(path)
-    write_atomic(path, [image_bytes(figure, path.suffix.lower().removeprefix("."))])
+    write_atomic(path, image_bytes(figure, path.suffix.lower().removeprefix(".")))
 
 
 def image_bytes(figure: Figure, form: str, dpi: float | None = None) -> bytes:

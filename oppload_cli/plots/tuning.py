@@ -295,9 +295,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
             panel.set_ylabel(f"peak response ({unit})" if raw else "peak / largest peak")
             style.begin_at_zero(panel)
             if not many:
-                panel.legend(
-                    loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1
-                )
+                style.legend_over(panel)
         axes[-1].set_xlabel(style.described(parameter))
         if many:
             legend_above(figure, axes[0], title, 2)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.errors import OpploadError, StimulusError, reason_of, suggestion
+from oppload_cli.errors import OpploadError, StimulusError, nearest, reason_of
 from oppload_cli.files.reading import is_file
 from oppload_cli.stimulus.patterns import noise_tile
 from oppload_cli.stimulus.staging import View, camera_of, view_of
@@ -142,9 +142,9 @@ class _Video:
                 scene, protocol.display, end_s, changed
             )
         except OSError as error:
-            hint = suggestion(Path(str(scene.background)).name, SURROUNDINGS)
-            hint = hint if "did you mean" in hint else "; check the path"
-            raise StimulusError(f"{where}: cannot be read ({reason_of(error)}){hint}") from None
+            near = nearest(Path(str(scene.background)).name, SURROUNDINGS)
+            hint = f"did you mean '{near}'?" if near else "check the path"
+            raise StimulusError(f"{where}: cannot be read ({reason_of(error)}); {hint}") from None
         except OpploadError as problem:
             raise StimulusError(f"{where}: {problem}") from None
         last_s = protocol.time_of(protocol.frame_count - 1) + self._first

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.errors import ParameterError, StimulusError, suggestion
+from oppload_cli.errors import ParameterError, StimulusError, nearest, suggestion
 from oppload_cli.files.reading import is_file, reading, text_of
 from oppload_cli.stimulus.keys import WORDS, excluded_by, key_of, value_at, with_value, without
 from oppload_cli.stimulus.protocol import Protocol
@@ -307,9 +307,8 @@ def _hint(wanted: str, known: tuple[Entry, ...]) -> str:
     if any(name.startswith(f"{wanted}/") for name in names):
         return f"did you mean '{wanted}/*'?"
     near = {name for entry in known for name in entry.values()} | names
-    hint = suggestion(wanted, near | {name.rpartition("/")[2] for name in names})
-    if "did you mean" in hint:
-        return hint.removeprefix("; ")
+    if found := nearest(wanted, near | {name.rpartition("/")[2] for name in names}):
+        return f"did you mean '{found}'?"
     return "see 'oppload stimuli list', or give FILE.toml or FILE.toml/MEMBER"
 
 

@@ -274,7 +274,7 @@ def write(
         write_atomic(made.truth, (text.encode() for text in ground_truth_text(protocol)))
         if made.preview is not None:
             times = [protocol.time_of(index) for index in sorted(shown)]
-            write_atomic(made.preview, [png_bytes(contact_sheet(previewed, times_s=times))])
+            write_atomic(made.preview, png_bytes(contact_sheet(previewed, times_s=times)))
     except BaseException:
         # Users would take a video without its ground truth for a complete result.
         for path in (made.video, made.truth):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.errors import ParameterError, StimulusError, suggestion
+from oppload_cli.errors import ParameterError, StimulusError, nearest, suggestion
 from oppload_cli.stimulus.tables import TABLES
 
 if TYPE_CHECKING:
@@ -45,8 +45,9 @@ def key_of(
     if "." in word or word == _SEED:
         return word
     if word not in WORDS:
-        hint = suggestion(word, (*WORDS, _SEED))
-        hint += "" if "did you mean" in hint else ", or a key such as ID.size_deg"
+        words = (*WORDS, _SEED)
+        hint = suggestion(word, words)
+        hint += "" if nearest(word, words) else ", or a key such as ID.size_deg"
         raise ParameterError(f"{option} {word}: no parameter '{word}'{hint}")
     found = _meant(word, table, sweep)
     if len(found) == 1:
@@ -114,11 +115,11 @@ def with_value(
         return {**table, dotted: value}
     owners = (*TABLES, *(str(one.get("id")) for one in _objects_of(table)))
     if first not in owners or not rest:
-        hint = suggestion(first, (*owners, _SEED)) if rest else ""
-        if "did you mean" not in hint:
-            known = ", ".join(f"{name}.KEY" for name in owners)
-            hint = f"; a key starts with {known}, or is {' or '.join((_SEED, *words))}"
-        raise StimulusError(f"{where}: no key '{dotted}'{hint}")
+        keys = ", ".join(f"{name}.KEY" for name in owners)
+        hint = f"a key starts with {keys}, or is {' or '.join((_SEED, *words))}"
+        if rest and (near := nearest(first, (*owners, _SEED))):
+            hint = f"did you mean '{near}'?"
+        raise StimulusError(f"{where}: no key '{dotted}'; {hint}")
     return _with_owner(table, first, lambda owner: _put(owner, rest, value, where))
 
 
