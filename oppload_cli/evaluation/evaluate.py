@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import threading
-from collections import deque
-from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, groupby
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,13 +17,13 @@ from oppload_cli.evaluation.metrics.clips import Clip, Output, videos_of
 from oppload_cli.evaluation.metrics.intervals import DRAWS, Measurement, draws_of
 from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, Performance, measured, of_places
 from oppload_cli.models.registry import detector_named
-from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.pipeline.analysis import pass_params, side_by_side
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.manifest import Entry, Manifest
@@ -33,7 +31,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.detector import Box
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.video.frames import DecodedSource, Frame, FrameSource
+    from oppload_cli.video.frames import DecodedSource, FrameSource
 
 
 _MOST_REASONS = 10  # in the message that no clip can be used
@@ -203,21 +201,17 @@ def outputs_of(
     Return the presentation times of the n frames in seconds, and each detector's output by name.
     """
     groups = _groups(detectors)
-    with ExitStack() as stack:
-        passes = []
-        for group, reader in zip(groups, _readers(video, len(groups)), strict=True):
-            records = analyse(
-                reader,
-                [each.params for each in group],
-                alarm=group[0].alarm,
-                rmo=None,
-                repeats=group[0].repeats,
-                time=group[0].time,
-            )
-            passes.append(
-                stack.enter_context(closing(cast("Generator[FrameRecord, None, None]", records)))
-            )
-        table = list(zip(*passes, strict=True))
+    passes = [
+        pass_params(
+            [each.params for each in group],
+            alarm=group[0].alarm,
+            rmo=None,
+            repeats=group[0].repeats,
+            time=group[0].time,
+        )
+        for group in groups
+    ]
+    table = list(side_by_side(video, passes))
     found = {
         each.name: _output([row[index] for row in table], each)
         for index, group in enumerate(groups)
@@ -272,36 +266,3 @@ def _with_zeros(response: Numbers) -> Numbers:
     """Replace each missing response after the first response by 0."""
     known = ~np.isnan(response)
     return np.where(known | ~np.logical_or.accumulate(known), response, 0.0)
-
-
-class _Reader:
-    """One reader's view of a video: its facts and size, and frames from a shared iterator."""
-
-    def __init__(self, video: FrameSource, frames: Iterator[Frame]) -> None:
-        self.facts, self.working = video.facts, video.working
-        self._frames = frames
-
-    def __iter__(self) -> Iterator[Frame]:
-        return self._frames
-
-
-def _readers(video: FrameSource, count: int) -> list[_Reader]:
-    """Return several readers of one video, which may be read in different threads.
-
-    Each frame is kept until the slowest reader has taken it.
-    """
-    frames, lock = iter(video), threading.Lock()
-    queues: list[deque[Frame]] = [deque() for _ in range(count)]
-
-    def read(own: deque[Frame]) -> Iterator[Frame]:
-        while True:
-            with lock:
-                if not own:
-                    frame = next(frames, None)
-                    if frame is None:
-                        return
-                    for queue in queues:
-                        queue.append(frame)
-            yield own.popleft()
-
-    return [_Reader(video, read(own)) for own in queues]

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.sources import Source, Times
     from oppload_cli.results.table import FrameRecord
+    from oppload_cli.video.frames import FrameSource
 
 
 _FEW_FRAMES = 10  # after this number of frames a wrong unit of the times gives a warning
@@ -110,7 +111,7 @@ class Analysis:
         fov: float | None = None,
     ) -> None:
         rows, columns = _checked_shape(shape)
-        chosen = _resolved(
+        chosen = pass_params(
             params, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
         )
         facts = InputFacts("frames", "array", columns, rows, checked_rate(rate), None)
@@ -308,20 +309,44 @@ def analyse(
     ...         break
     alarm at 1.07 s
     """
-    chosen = _resolved(
+    chosen = pass_params(
         params, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
     )
     with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
-        preparation = Preparation(chosen, video.facts.frame_rate)
-        detectors = DetectorPass(video.working, video.facts.frame_rate, chosen, optics)
-        # A second thread prepares frames, because optical flow takes as long as the detectors.
-        frames = (preparation.step(frame) for frame in video)
-        prepared = Prefetch(frames, frames_ahead(video.facts, video.working))
-        try:
-            for each in prepared:
-                yield detectors.step(each)
-        finally:
-            prepared.close()
+        for (record,) in side_by_side(video, [chosen], optics):
+            yield record
+
+
+def side_by_side(
+    video: FrameSource, passes: Sequence[PassParams], optics: Optics | None = None
+) -> Iterator[list[FrameRecord]]:
+    """Make several passes over the frames of an open video at the same time.
+
+    Parameters
+    ----------
+    video : FrameSource
+        The open video, which is not closed.
+    passes : sequence of PassParams
+        The parameters of each pass, from :func:`pass_params`.
+    optics : Optics, optional
+        As for :func:`analyse`.
+
+    Yields
+    ------
+    list of FrameRecord
+        For each frame, the record of each pass.
+    """
+    facts, working = video.facts, video.working
+    preparations = [Preparation(each, facts.frame_rate) for each in passes]
+    detectors = [DetectorPass(working, facts.frame_rate, each, optics) for each in passes]
+    # A second thread prepares frames, because optical flow takes as long as the detectors.
+    frames = ([each.step(frame) for each in preparations] for frame in video)
+    prepared = Prefetch(frames, frames_ahead(facts, working))
+    try:
+        for of_passes in prepared:
+            yield [each.step(one) for each, one in zip(detectors, of_passes, strict=True)]
+    finally:
+        prepared.close()
 
 
 def _preset_of(params: Sequence[Parameters]) -> str:
@@ -332,16 +357,17 @@ def _preset_of(params: Sequence[Parameters]) -> str:
     return DEFAULT_PRESET
 
 
-def _resolved(
-    params: Sequence[Parameters] | None,
-    preset: str | None,
+def pass_params(
+    params: Sequence[Parameters] | None = None,
+    preset: str | None = None,
     *,
-    alarm: AlarmParams | None,
-    places: PlaceParams | bool | None,
-    time: TimeParams | None,
-    rmo: RmoParams | bool | None,
-    repeats: RepeatParams | Repeats | None,
+    alarm: AlarmParams | None = None,
+    places: PlaceParams | bool | None = True,
+    time: TimeParams | None = None,
+    rmo: RmoParams | bool | None = True,
+    repeats: RepeatParams | Repeats | None = None,
 ) -> PassParams:
+    """Return the parameters of a pass; the arguments and the error are those of :func:`analyse`."""
     _check_kind("params", params, list | tuple, "a list, as parameters_of(name) in brackets")
     _check_kind("alarm", alarm, AlarmParams, "oppload_cli.alarm_params()")
     _check_kind("places", places, PlaceParams | bool, "True, False or oppload_cli.PlaceParams()")
