@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import warnings
+from contextlib import closing
 from numbers import Real
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -40,7 +41,7 @@ from oppload_cli.video.frames import (
 from oppload_cli.video.optics import Optics, parse_fov
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Generator, Iterator, Sequence
     from fractions import Fraction
     from types import UnionType
 
@@ -312,14 +313,17 @@ def analyse(
     chosen = pass_params(
         params, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
     )
-    with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
-        for (record,) in side_by_side(video, [chosen], optics):
+    with (
+        open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video,
+        closing(side_by_side(video, [chosen], optics)) as records,
+    ):
+        for (record,) in records:
             yield record
 
 
 def side_by_side(
     video: FrameSource, passes: Sequence[PassParams], optics: Optics | None = None
-) -> Iterator[list[FrameRecord]]:
+) -> Generator[list[FrameRecord], None, None]:
     """Make several passes over the frames of an open video at the same time.
 
     Parameters
