@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import os
 import re
-from contextlib import contextmanager
-from io import BufferedReader, RawIOBase, StringIO, TextIOWrapper
-from typing import IO, TYPE_CHECKING, Any
+from io import StringIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from oppload_cli.errors import ResultError, reason_of
 from oppload_cli.files.reading import is_file, is_there, reading, text_of
+from oppload_cli.files.tables import rows_in
 from oppload_cli.video.inputs import is_video
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
 
 ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
-CHUNK = 1 << 16  # bytes
 _COUNTS = ("frame", "flow_vectors", "rom_pairs")
 _TEXTS = ("blind",)
 _ALARM = "_alarm"  # end of the names of columns with alarms
@@ -57,10 +55,16 @@ def read_table(
     if path.suffix in _NO_TABLES and is_there(path):
         raise ResultError(f"{path}: is not a CSV table; {advice}")
     with reading(path, ResultError, form="text in UTF-8", repair=advice):
+        source: Path | StringIO = path
+        if is_file(path):
+            rows = rows_in(path)  # without a last row that was cut
+        else:  # a pipe, which can be read only once
+            source, rows = StringIO(text_of(path, pipes=True)), None
         try:
-            with _complete_lines(path) as lines:
-                # Only empty cells count as missing. The word "nan" is an error in a result.
-                table = pd.read_csv(lines, keep_default_na=False, na_values=[""], usecols=wanted)
+            # Only empty cells count as missing. The word "nan" is an error in a result.
+            table = pd.read_csv(
+                source, keep_default_na=False, na_values=[""], usecols=wanted, nrows=rows
+            )
         except UnicodeDecodeError:
             raise
         except ValueError as error:  # all errors of pandas' parser are ValueErrors
@@ -146,37 +150,3 @@ def need_columns(path: Path, table: pd.DataFrame, columns: Sequence[str], advice
     for name in columns:
         if name not in table.columns:
             raise ResultError(f"{path}: has no column '{name}'; {advice}")
-
-
-class _Beginning(RawIOBase):
-    """The first `size` bytes of a file."""
-
-    def __init__(self, file: IO[bytes], size: int) -> None:
-        self._file, self._unread = file, size
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        chunk = self._file.read(min(len(buffer), self._unread))
-        buffer[: len(chunk)] = chunk
-        self._unread -= len(chunk)
-        return len(chunk)
-
-
-@contextmanager
-def _complete_lines(path: Path) -> Iterator[IO[str]]:
-    """Open a file without its last line if that is cut; it may be very large or still grow."""
-    if not is_file(path):  # the end of a pipe cannot be found before all was read
-        yield StringIO(text_of(path, pipes=True))
-        return
-    with path.open("rb") as file:
-        size = end = file.seek(0, os.SEEK_END)
-        tail = b""
-        while end and b"\n" not in tail:
-            end = max(0, end - CHUNK)
-            file.seek(end)
-            tail = file.read(min(CHUNK, size - end))
-        file.seek(0)
-        complete = _Beginning(file, end + tail.rfind(b"\n") + 1)
-        yield TextIOWrapper(BufferedReader(complete), encoding="utf-8", newline="")

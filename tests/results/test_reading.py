@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import ResultError
-from oppload_cli.results import cells
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import read_result, read_tuning
 from tests.results.make import frame_rows, write_rows, write_tuning
@@ -55,11 +54,7 @@ def test_a_result_that_ends_within_the_warm_up_is_read_but_has_no_curve(tmp_path
         result.need_responses(["opplod"])
 
 
-@pytest.mark.parametrize("chunk", [8, 64, 1 << 16])
-def test_a_row_that_was_cut_is_left_out_whatever_the_length_of_the_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunk: int
-) -> None:
-    monkeypatch.setattr(cells, "CHUNK", chunk)
+def test_a_row_that_was_cut_is_left_out(tmp_path: Path) -> None:
     path = write_rows(tmp_path / "a.frames.csv", frame_rows(frames=30))
     complete = path.read_bytes()
     assert len(read_result(path).frames) == 30

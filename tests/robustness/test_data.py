@@ -21,7 +21,6 @@ from oppload_cli.errors import ParameterError, ResultError, ShortageError, Sourc
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.reading import content_of
 from oppload_cli.plots.style import wrapped
-from oppload_cli.results import cells
 from oppload_cli.results.alarms import ALARM_COLUMNS, write_alarms
 from oppload_cli.results.reading import is_tuning, read_result
 from oppload_cli.schema import parsed_fraction
@@ -148,20 +147,12 @@ def test_a_cell_that_no_curve_has(result: Path, tmp_path: Path, column: str, val
         read_result(path)
 
 
-def test_only_the_needed_columns_and_the_complete_lines_are_read(
-    result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_the_needed_columns_are_read(result: Path) -> None:
     whole = read_result(result).frames
     assert len(whole) == 12
     few = read_result(result, ["_alarm"]).frames
     assert {name.rpartition("_")[2] for name in few.columns} == {"frame", "s", "response", "alarm"}
     assert few.equals(whole[few.columns])
-    part = tmp_path / "clip.frames.csv.part"
-    text = result.read_bytes()
-    for size in (1, 7, 1 << 16):
-        monkeypatch.setattr(cells, "CHUNK", size)
-        part.write_bytes(text[:-5])
-        assert len(read_result(part).frames) == 11
 
 
 def test_any_name_can_be_drawn(result: Path, tmp_path: Path) -> None:
