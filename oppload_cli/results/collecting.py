@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import NoResultError, ResultError
 from oppload_cli.files.atomic import refuse_existing
-from oppload_cli.files.reading import is_file, is_folder, reading
+from oppload_cli.files.reading import is_file, is_folder, is_there, reading
 from oppload_cli.files.tables import Cell, open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.cells import check_frames, kind_of_column, read_table
-from oppload_cli.results.reading import check_detectors
+from oppload_cli.results.reading import beside, check_detectors
 from oppload_cli.results.table import (
     SIDECAR,
     TABLE,
@@ -114,18 +114,18 @@ def collect(
     for folder in folders:
         if is_file(folder):
             raise ResultError(f"{folder}: is a file; give the folder of the results")
-        for path in _found_results(folder):
-            found.setdefault((os.path.realpath(path.parent), path.name), (path, folder))
+        for table in _found_tables(folder):
+            found.setdefault((os.path.realpath(table.parent), table.name), (table, folder))
     results = found.values()
-    columns = _frame_columns(path for path, _ in results) if of_frames else _SUMMARY_COLUMNS
+    columns = _frame_columns(table for table, _ in results) if of_frames else _SUMMARY_COLUMNS
     good = bad = rows = 0
-    with open_table(output, columns, new=if_exists == "error") as table:
-        for path, folder in results:
+    with open_table(output, columns, new=if_exists == "error") as collected:
+        for table, folder in results:
             stop_if_asked()
-            name = _name_in(folder, path)
+            name = _text(table.relative_to(folder).as_posix().removesuffix(TABLE))
             try:
-                for row in (_frame_rows if of_frames else _summary_rows)(path, name):
-                    table.write(row)
+                for row in (_frame_rows if of_frames else _summary_rows)(table, name):
+                    collected.write(row)
                     rows += 1
             except ResultError as error:
                 on_error(error)
@@ -140,15 +140,15 @@ def collect(
     return _Collected(good, bad, rows)
 
 
-def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
+def _frame_columns(tables: Iterable[Path]) -> dict[str, type]:
     """Return the columns for the frames of results, with the types of their values.
 
     The columns of the detectors that run by default are always among them.
     """
     used, presets, details, degrees = set(default_names()), set(), False, False
-    for path in results:
+    for table in tables:
         with suppress(ResultError):  # reading the rows raises the error again
-            content = _sidecar(path)
+            content = _sidecar(table)
             models = content.get("models")
             used.update(map(str, models if isinstance(models, list) else ()))
             presets.add(str(content.get("preset")))
@@ -160,8 +160,8 @@ def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
     return {"result": str, "input": str, **kinds}
 
 
-def _found_results(folder: Path) -> Iterator[Path]:
-    """Yield the sidecar of each result in a folder, to any depth, or its table without a sidecar.
+def _found_tables(folder: Path) -> Iterator[Path]:
+    """Yield the table of each result in a folder, to any depth; it or its sidecar may not exist.
 
     The results of one folder are sorted by name.
     """
@@ -172,15 +172,14 @@ def _found_results(folder: Path) -> Iterator[Path]:
 
     for place, within, files in os.walk(folder, onerror=refuse):
         within.sort()
-        stems = {name.removesuffix(SIDECAR) for name in files if name.endswith(SIDECAR)}
-        alone = {name.removesuffix(TABLE) for name in files if name.endswith(TABLE)} - stems
-        for stem in sorted(stems | alone):
-            yield Path(place, stem + (TABLE if stem in alone else SIDECAR))
-
-
-def _name_in(folder: Path, path: Path) -> str:
-    suffix = TABLE if path.name.endswith(TABLE) else SIDECAR
-    return _text(path.relative_to(folder).as_posix().removesuffix(suffix))
+        stems = {
+            name.removesuffix(suffix)
+            for name in files
+            for suffix in (SIDECAR, TABLE)
+            if name.endswith(suffix)
+        }
+        for stem in sorted(stems):
+            yield Path(place, stem + TABLE)
 
 
 def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
@@ -193,31 +192,25 @@ def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
     others = [path for path in paths if not _LIST_OF_BATCH.fullmatch(path.name)]
     found: list[tuple[Path, Path]] = []
     for path in others or paths:
-        tables = [_table_of(each) for each in _found_results(path)] if is_folder(path) else [path]
+        tables = list(_found_tables(path)) if is_folder(path) else [path]
         if not tables:
             raise ResultError(f"{path}: holds no result; give a folder of 'oppload run --output'")
         found += ((path, table) for table in tables)
     return found
 
 
-def _table_of(path: Path) -> Path:
-    if path.name.endswith(TABLE):
-        return path
-    return path.with_name(path.name.removesuffix(SIDECAR) + TABLE)
-
-
-def _summary_rows(path: Path, name: str) -> Iterator[Row]:
-    content, table = _sidecar(path), _table_of(path)
+def _summary_rows(table: Path, name: str) -> Iterator[Row]:
+    content = _sidecar(table)
     if is_file(table):  # a summary does not need the table, which may have been deleted
         _check_rows(table, content)
     try:
         yield from list(_summaries(name, content))
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise _incomplete(path, error) from error
+        raise _incomplete(beside(table), error) from error
 
 
-def _frame_rows(path: Path, name: str) -> Iterator[Row]:
-    content, table = _sidecar(path), _table_of(path)
+def _frame_rows(table: Path, name: str) -> Iterator[Row]:
+    content = _sidecar(table)
     facts = content.get("input")
     source = str(facts.get("name", "")) if isinstance(facts, dict) else ""
     if not is_file(table):  # also for a pipe, which might never end
@@ -225,7 +218,7 @@ def _frame_rows(path: Path, name: str) -> Iterator[Row]:
     _check_rows(table, content)
     frames = read_table(table, _REMEDY)
     check_detectors(table, content)
-    if not set(frames.columns) <= _frame_columns([path]).keys():
+    if not set(frames.columns) <= _frame_columns([table]).keys():
         raise ResultError(f"{table}: is no table of 'oppload run'; {_REMEDY}")
     check_frames(table, frames, frames.columns)
     columns = list(frames.columns)
@@ -250,9 +243,10 @@ def _incomplete(path: Path, error: Exception) -> ResultError:
     )
 
 
-def _sidecar(path: Path) -> dict[str, Any]:
-    if path.name.endswith(TABLE):
-        raise ResultError(f"{path}: has no sidecar beside it; {_REMEDY}")
+def _sidecar(table: Path) -> dict[str, Any]:
+    path = beside(table)
+    if not is_there(path):
+        raise ResultError(f"{table}: has no sidecar beside it; {_REMEDY}")
     return read_sidecar(path, ResultError, _REMEDY)
 
 

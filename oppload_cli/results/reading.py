@@ -188,7 +188,7 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
     """
     ends = ("frame", "time_s", "_response", *needed)
     frames = read_table(path, ANOTHER_RESULT, lambda name: name.endswith(ends))
-    result = BaseResult(path, frames, _sidecar(_beside(path)))
+    result = BaseResult(path, frames, _sidecar(beside(path)))
     result.need(("frame", "time_s"))
     if not result.models:
         _alarm_params(result)  # raises an error that names an unknown detector
@@ -217,7 +217,7 @@ def read_detections(table: Path) -> list[dict[str, Any]] | None:
     ResultError
         If the file cannot be read, or a line is not a detection.
     """
-    path = _beside(table, DETECTIONS)
+    path = beside(table, DETECTIONS)
     path = part_of(path) if table.name.endswith(PART) else path
     if not is_there(path):
         return None
@@ -246,7 +246,7 @@ def title_and_input(table: Path) -> tuple[str, str]:
     The function reads only the sidecar. It raises no error.
     """
     try:
-        sidecar = _sidecar(_beside(table))
+        sidecar = _sidecar(beside(table))
     except ResultError:  # the error comes again when the result is read
         sidecar = {}
     result = BaseResult(table, pd.DataFrame(), sidecar)
@@ -259,7 +259,7 @@ def stem_of(path: Path) -> str:
     return path.name.removesuffix(suffix)
 
 
-def _beside(table: Path, suffix: str = SIDECAR) -> Path:
+def beside(table: Path, suffix: str = SIDECAR) -> Path:
     """Return the path of the sidecar, or of another file, that belongs to a table."""
     return table.with_name(stem_of(table) + suffix)
 
