@@ -64,6 +64,7 @@ class Request(NamedTuple):
     title: str = ""
     published: bool = False  # whether published neurons are drawn too
     raw: bool = False  # whether peaks are drawn in their unit, not over the largest one
+    lplc2: str = "auto"  # the bar whose LPLC2 tuning a polar plot shows
 
     def curves(self) -> list[TuningCurve]:
         """Return the curves, table by table; raise ResultError if no table has a detector."""

@@ -137,16 +137,10 @@ class DirectionTuning:
         )
 
 
-def direction_tunings(request: Request, lplc2: str = "auto") -> list[DirectionTuning]:
+def direction_tunings(request: Request) -> list[DirectionTuning]:
     """Return the curves of a polar plot of tuning tables.
 
-    Parameters
-    ----------
-    request : Request
-        The tables and the detectors.
-    lplc2 : str
-        Width of the bar whose LPLC2 tuning is added, ``10`` or ``60``; ``none``; or ``auto`` for
-        the width in the stimulus's name, if the stimulus shows the bar of the catalogue.
+    The LPLC2 tuning to the bar ``auto`` is added if the stimulus shows the bar of the catalogue.
 
     Raises
     ------
@@ -154,10 +148,10 @@ def direction_tunings(request: Request, lplc2: str = "auto") -> list[DirectionTu
         If a table has no direction or more than one parameter, or if no table has a detector.
     """
     curves = [direction_tuning(curve) for curve in request.curves()]
-    if lplc2 == "auto":
+    if request.lplc2 == "auto":
         width = _bar_width(request.tunings)
     else:
-        width = int(lplc2) if lplc2.isdigit() else None
+        width = int(request.lplc2) if request.lplc2.isdigit() else None
     reference = bar_tuning(width) if width else {}
     if reference:
         angles, values = full_circle(np.array(list(reference)), np.array(list(reference.values())))
@@ -231,13 +225,12 @@ def _looks(table: Mapping[str, Any]) -> list[Any]:
     return [objects, background, table.get("scene"), table.get("effects")]
 
 
-def plot_polar(
-    curves: Sequence[DirectionTuning], *, raw: bool = False, title: str = ""
-) -> tuple[Figure, list[Axes]]:
+def plot_polar(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw up to six curves, divided by their peaks, into one plot; of more, each has its own.
 
-    If `raw`, each curve has a plot in its own unit.
+    Raw responses have a plot for each curve.
     """
+    curves, raw, title = direction_tunings(request), request.raw, request.title
     if len(curves) > _MOST_CURVES:
         return _draw_multiples(curves, raw=raw, title=title)
     groups = [[curve] for curve in curves] if raw else [list(curves)]

@@ -40,7 +40,6 @@ _MOST_TICKS = 24  # along a heat map
 # Letters of names along a heat map: a page wide, a column wide, small; and names one above another.
 _LETTERS, _COLUMN_LETTERS, _SMALL_LETTERS = 96, 42, 26
 _ROWS, _SMALL_ROWS = 20, 12
-KINDS = ("polar", "line", "heat", "contact", *FIGURES)
 
 
 def plot_tuning(
@@ -117,12 +116,8 @@ def plot_tuning(
             )
     title = _title(tunings, kind) if title is None else title
     shown = [_reduced(each) for each in tunings] if kind in {"polar", "line"} else tunings
-    request = Request(shown, models, names, title, published, scale == "raw")
-    if kind == "polar":
-        figure, axes = plot_polar(direction_tunings(request, lplc2), raw=request.raw, title=title)
-    else:
-        plots = {"line": _plot_line, "heat": _plot_heat, "contact": plot_contact, **FIGURES}
-        figure, axes = plots[kind](request)
+    request = Request(shown, models, names, title, published, scale == "raw", lplc2)
+    figure, axes = _PLOTS[kind](request)
     _write_below(figure, _settings_lines(tunings, names))
     return figure, axes
 
@@ -157,10 +152,10 @@ def lines_of(
     kinds have no lines. The parameters are those of :func:`plot_tuning`.
     """
     kind = kind or kind_of(tunings[0])
-    request = Request(tunings, models, style.labels_of(tunings, labels))
+    request = Request(tunings, models, style.labels_of(tunings, labels), lplc2=lplc2)
     if kind == "polar":
         request = request._replace(tunings=[_reduced(each) for each in tunings])
-        return [each.line() for each in direction_tunings(request, lplc2)]
+        return [each.line() for each in direction_tunings(request)]
     return contact_lines(request) if kind == "contact" else []
 
 
@@ -461,3 +456,13 @@ def _draw_heat(
 
 def _number(value: object) -> str:
     return f"{value:g}" if isinstance(value, int | float) else str(value)
+
+
+_PLOTS = {
+    "polar": plot_polar,
+    "line": _plot_line,
+    "heat": _plot_heat,
+    "contact": plot_contact,
+    **FIGURES,
+}
+KINDS = tuple(_PLOTS)

@@ -52,7 +52,7 @@ def y_of(line: Line2D) -> NDArray[np.float64]:
 def polar_curves(
     tuning: Tuning, models: Sequence[str] = (), lplc2: str = "auto"
 ) -> list[DirectionTuning]:
-    return direction_tunings(Request([tuning], models, [tuning.name]), lplc2)
+    return direction_tunings(Request([tuning], models, [tuning.name], lplc2=lplc2))
 
 
 def test_a_symmetric_axis_is_drawn_all_round_beside_lplc2(tmp_path: Path) -> None:
