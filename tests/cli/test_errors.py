@@ -106,7 +106,7 @@ WRONG = [
     (["run", "CLIP", "--null"], 2, "--null has no effect without --files-from"),
     (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
     (["plot", "missing.csv"], 2, "missing.csv: cannot be read"),
-    (["plot", "file"], 2, "is not a CSV table"),
+    (["plot", "file"], 2, "file: has no column 'frame'; give a frames.csv of 'oppload run'"),
     (["plot", "other.csv"], 2, "has no column 'frame'"),
 ]
 
