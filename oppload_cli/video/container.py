@@ -103,8 +103,6 @@ class ContainerSource:
         self.stopping = False
         self._read_to = 0  # position of the byte after the last packet
         self._errors = 0  # number of errors that decoders have logged in this process
-        self._since_mark = 0  # packets since the latest one that FFmpeg marked as damaged
-        self._latest_s = 0.0  # decode time of the packet before
         self._remote = "://" in name
         self._only_once = self._remote or not is_file(name)  # a stream or a pipe
         self._arrived_s = 0.0  # when the latest packet came
@@ -326,7 +324,6 @@ class ContainerSource:
         stream = self._video_stream(container)
         self.decode.failures = self.decode.corrupt = 0
         self.decode.messages.clear()
-        self._since_mark = 0
         self._careful = True
         self.close()
         self._container, self._stream = container, stream
@@ -355,8 +352,9 @@ class ContainerSource:
 
     def _decoded(self) -> Iterator[Decoded]:
         self._errors = av.logging.get_last_error()[0]
-        for packet in self._packets():
-            if self._is_damaged(packet):
+        joinable = self._container.format.name == "mpegts" and not self._remote
+        for packet, damaged in _judged(self._packets(), joinable=joinable):
+            if damaged:
                 self.decode.failed("a packet is cut or damaged")
             if self._careful:  # leave out the errors that the demuxer has logged
                 self._errors = av.logging.get_last_error()[0]
@@ -368,29 +366,6 @@ class ContainerSource:
                 luma = self._attempt(partial(_checked_luma, frame))
                 if luma is not None:
                     yield frame, *luma
-
-    def _is_damaged(self, packet: Packet[Any] | None) -> bool:
-        """Return whether FFmpeg marks this packet, or has marked an earlier one, as damaged.
-
-        Where transport streams were joined, the count of their packets jumps. For this FFmpeg marks
-        one of the last two packets before the second stream, which begins with a key frame and a
-        time of its own.
-        """
-        marked = packet is not None and packet.is_corrupt
-        if self._remote or self._container.format.name != "mpegts":
-            return marked
-        seam = False
-        if packet is not None and packet.dts is not None and packet.time_base:
-            time_s = float(packet.dts * packet.time_base)
-            seam = packet.is_keyframe and not 0 < time_s - self._latest_s < _JUMP_S
-            self._latest_s = time_s
-        decided = not packet or marked or self._since_mark == 2
-        damaged = self._since_mark > 0 and decided and not seam
-        if marked:
-            self._since_mark = 1
-        elif self._since_mark:
-            self._since_mark = 0 if seam or damaged else 2
-        return damaged
 
     def _attempt(self, decode: Callable[[], Value]) -> Value | None:
         """Return the result of a decoding step; if it fails, count a failure and return None."""
@@ -519,6 +494,36 @@ class ContainerSource:
             video_streams=len(video_streams(self._container)),
             real_time=self._is_live or self.name.lower().startswith(_REAL_TIME),
         )
+
+
+def _judged(
+    packets: Iterator[Packet[Any] | None], *, joinable: bool
+) -> Iterator[tuple[Packet[Any] | None, bool]]:
+    """Yield packets, and whether a mark of FFmpeg on this or an earlier packet means damage.
+
+    Where transport streams were joined, the count of their packets jumps. For this FFmpeg marks one
+    of the last two packets before the second stream, which begins with a key frame and a time of
+    its own. So a mark in a `joinable` stream is judged at most two packets later.
+    """
+    since_mark = 0  # packets since a mark that is not judged yet, from 1; 0: there is none
+    before_s = 0.0  # decode time of the packet before
+    for packet in packets:
+        marked = packet is not None and packet.is_corrupt
+        if not joinable:
+            yield packet, marked
+            continue
+        seam = False
+        if packet is not None and packet.dts is not None and packet.time_base:
+            time_s = float(packet.dts * packet.time_base)
+            seam = packet.is_keyframe and not 0 < time_s - before_s < _JUMP_S
+            before_s = time_s
+        judged = packet is None or marked or since_mark == 2
+        damaged = since_mark > 0 and judged and not seam
+        if marked:
+            since_mark = 1
+        elif since_mark:
+            since_mark = 0 if seam or damaged else 2
+        yield packet, damaged
 
 
 def _checked_luma(frame: VideoFrame) -> tuple[NDArray[Any], int]:
