@@ -88,9 +88,8 @@ class Result(reading.BaseResult):
             parts += [*self.models, "alarms are off"]
         else:
             for model in self.models:
-                on = self.frames[f"{model}_alarm"].fillna(0).astype(bool)
-                begins = int((on & ~on.shift(fill_value=False)).sum())
-                parts.append(f"{model}: {counted(begins, 'alarm')}")
+                alarms = reading.alarm_rows(self, model)
+                parts.append(f"{model}: {counted(len(alarms), 'alarm')}")
         if self.part("decode").get("complete") is False:
             parts.append("incomplete: see sidecar['decode']")
         if remarks := self.sidecar.get("remarks"):
