@@ -1,4 +1,4 @@
-"""Effects of cameras and screens: flickering light, bars beside the picture, edges of the frame.
+"""Effects of cameras: light that flickers, a view that moves, bars, edges of the frame.
 
 OppLoD's preset ``default`` removes these effects before it judges motion (``docs/presets.md``).
 """
@@ -6,13 +6,15 @@ OppLoD's preset ``default`` removes these effects before it judges motion (``doc
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections import deque
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
 
 from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.dpc import smaller
+from oppload_cli.motion.flow import SHORTEST_SIDE, inverse_search
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,6 +22,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
+
+    Grey = NDArray[np.uint8]
+    Complex = NDArray[np.complexfloating]  # places or vectors, as x + i y
+    # shape (3, 3): the place (x, y, 1) of a pixel in one frame, times it, is a place in another one
+    Motion = NDArray[np.float64]
 
 # Functions that turn a map so that its lines begin at the left, right, top or bottom of the frame.
 _SIDES: tuple[Callable[[Map], Map], ...] = (
@@ -126,6 +133,156 @@ def _quantile(values: Map, share: float) -> float:
     """Return the value below which a share of the values lies, ten times faster than NumPy does."""
     ordered = np.sort(values, axis=None)
     return float(ordered[int(share * len(ordered))])
+
+
+# ---- View ----------------------------------------------------------------------------------
+
+_FLOW_SIDE = 120  # px; flow is measured in frames whose shorter side is reduced to about this
+_FLOW_CELL = 6  # px of a reduced frame
+# Of a straight edge only the motion across it is known. So cells count in which the luminance
+# changes in every direction, by about a grey level per px: then `cornerMinEigenVal` is above this.
+_LEAST_TEXTURE = 6e-5
+_LEAST_TEXTURED = 1 / 4  # least share of the cells that have texture
+_FITS = 5  # number of fits, each with the weights that follow from the fit before
+_LEAST_SPREAD = 0.15  # px; errors of the flow of this size do not lower a weight
+_LEAST_MOTION_PX = 0.25  # of a reduced frame; less motion in an interval is left in the picture
+# At least half of the cells with texture must change by less than this share of their change.
+_LEFT, _LEAST_EXPLAINED = 0.8, 1 / 2
+_MOST_FRAMES = 16  # frames per interval; at higher frame rates the view is compared sooner
+
+
+class SteadyView:
+    """Measures how the view of the camera moves, so that P can leave its motion out.
+
+    A camera that pans, shakes or rolls moves the picture of everything. The motion of the ground
+    then inhibits the response to an object that approaches. This class fits a shift, a turn and a
+    growth of the complete picture to the optical flow from one interval ago. If they explain the
+    change of most cells, the shift and the turn are the motion of the view. The growth is not: an
+    object that fills the picture grows too.
+
+    Source: ``docs/presets.md``; Kroeger et al. 2016 for the flow (dense inverse search).
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._latest: deque[tuple[Grey, Motion]] = deque(maxlen=_MOST_FRAMES)
+
+    def step(self, luma: Map, elapsed: float) -> Motion:
+        """Take the next frame; return the motion of the view from the first frame to this one.
+
+        `elapsed` is as for :class:`SteadyLight`. The result turns the place of a pixel of this
+        frame into its place in the first one.
+        """
+        reduction = max(1, round(min(luma.shape) / _FLOW_SIDE))
+        now = np.asarray(cv2.convertScaleAbs(smaller(luma, reduction), alpha=255.0), np.uint8)
+        view: Motion = np.eye(3)
+        if self._latest:
+            before, view = self._latest[-min(len(self._latest), max(1, round(1 / elapsed)))]
+            if (motion := view_motion(before, now)) is not None:
+                view = view @ reduced(motion, 1 / reduction)
+        self._latest.append((now, view))
+        return view
+
+
+def view_motion(before: Grey, now: Grey) -> Motion | None:
+    """Return the motion of the view between two reduced frames; None if none is found.
+
+    Both frames are uint8, of the same shape. The result turns places of `now` into places of
+    `before`, in their pixels.
+    """
+    if min(now.shape) < SHORTEST_SIDE or np.array_equal(before, now):
+        return None
+    textured = _cell_means(cv2.cornerMinEigenVal(now, _FLOW_CELL)) > _LEAST_TEXTURE
+    if textured.mean() < _LEAST_TEXTURED:
+        return None
+    search = inverse_search(now.shape, cv2.DISOPTICAL_FLOW_PRESET_FAST)
+    flow = search.calc(now, before, np.zeros((*now.shape, 2), np.float32))
+    middle = complex(now.shape[1] - 1, now.shape[0] - 1) / 2
+    y, x = np.mgrid[: textured.shape[0], : textured.shape[1]] * _FLOW_CELL + (_FLOW_CELL - 1) / 2
+    vectors = _cell_means(flow)[textured].astype(np.float64) @ (1, 1j)
+    shift, factor = fitted_motion((x + 1j * y - middle)[textured], vectors)
+    turn = factor / abs(factor)
+    if abs(shift) + abs(turn - 1) * abs(middle) < _LEAST_MOTION_PX:
+        return None
+    seen = seen_from(before, _matrix(shift, factor, middle), np.zeros_like(before))
+    left, change = (_cell_means(cv2.absdiff(now, each))[textured] for each in (seen, before))
+    if np.mean(left < _LEFT * change) < _LEAST_EXPLAINED:
+        return None
+    return _matrix(shift, turn, middle)
+
+
+def fitted_motion(places: Complex, flow: Complex) -> tuple[complex, complex]:
+    """Fit a shift, a turn and a growth to the flow at some places, as most of them move.
+
+    Parameters
+    ----------
+    places, flow : ndarray of complex, shape (n,)
+        Places and flow vectors, as ``x + i y``, in px.
+
+    Returns
+    -------
+    tuple of complex
+        The shift in px, and the factor by which places are multiplied: its angle is the turn, its
+        absolute value the growth.
+    """
+    shift, change = complex(np.median(flow.real), np.median(flow.imag)), 0j
+    for _ in range(_FITS):
+        errors = np.abs(shift + change * places - flow)
+        spread = max(_LEAST_SPREAD, 1.4 * float(np.median(errors)))
+        weights = (1 + (errors / spread) ** 2) ** -2
+        weights /= weights.sum()
+        place, vector = weights @ places, weights @ flow
+        apart = places - place
+        size = float(weights @ np.abs(apart) ** 2)
+        change = complex(weights @ (np.conj(apart) * (flow - vector))) / max(size, 1e-9)
+        shift = complex(vector - change * place)
+    return shift, 1 + change
+
+
+def _matrix(shift: complex, factor: complex, middle: complex) -> Motion:
+    """Return the motion that multiplies places about the middle of the frame and shifts them."""
+    x, y = (part(shift + middle - factor * middle) for part in (np.real, np.imag))
+    return np.array([[factor.real, -factor.imag, x], [factor.imag, factor.real, y], [0, 0, 1]])
+
+
+def _cell_means(values: Any) -> NDArray[np.float32]:
+    rows, columns = (side // _FLOW_CELL for side in values.shape[:2])
+    part = values[: rows * _FLOW_CELL, : columns * _FLOW_CELL]
+    return np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def reduced(motion: Motion, reduction: float) -> Motion:
+    """Return a motion in the pixels of frames whose sides are divided by `reduction`."""
+    offset = (reduction - 1) / 2
+    enlarged = np.array([[reduction, 0, offset], [0, reduction, offset], [0, 0, 1]])
+    return np.asarray(np.linalg.inv(enlarged) @ motion @ enlarged)
+
+
+def seen_from(
+    values: NDArray[Any],
+    motion: Motion,
+    outside: NDArray[Any],
+    interpolation: int = cv2.INTER_CUBIC,
+) -> NDArray[Any]:
+    """Return a map of an earlier frame as a later view shows it.
+
+    Parameters
+    ----------
+    values : ndarray of float32 or uint8, shape (height, width)
+        The map.
+    motion : ndarray, shape (3, 3)
+        From places in the later frame to places in the earlier one.
+    outside : ndarray of the same type and shape
+        Values at the places that the earlier frame does not show.
+    interpolation : int
+        OpenCV's constant; cubic interpolation blurs textures less than linear, in 4 times the time.
+    """
+    flags = interpolation | cv2.WARP_INVERSE_MAP
+    size = values.shape[::-1]
+    return cv2.warpAffine(values, motion[:2], size, outside.copy(), flags, cv2.BORDER_TRANSPARENT)
 
 
 # ---- Bars ----------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import FrameError
+from oppload_cli.models.camera import seen_from
 from oppload_cli.models.dpc import (
     Kernels,
     PresynapticSums,
@@ -31,6 +32,7 @@ from oppload_cli.models.timebase import NEARLY_ONE, Clock, nearly_one
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
+    from oppload_cli.models.camera import Motion
     from oppload_cli.models.dpc import DpcParams, Map
 
 # Two frames have ages nearest to an interval: one is too young, the other too old. The younger one
@@ -54,6 +56,7 @@ class _PastFrame:
     mean: float = 0.0
     share: float = 1.0
     before: _PastFrame | None = None
+    view: Motion = field(default_factory=partial(np.eye, 3))
     # The means of `change` over squares, by the numbers of squares down and across.
     coarse: dict[tuple[int, int], Map] = field(default_factory=dict)
 
@@ -80,6 +83,9 @@ class Photoreceptors:
         Number of frames taken.
     elapsed : float
         Reference intervals from the frame before to the latest one.
+    view : ndarray, shape (3, 3)
+        The motion of the view up to the next frame, as :class:`SteadyView` measures it. P leaves
+        this motion out: it is the smaller one of the changes with and without it.
     """
 
     def __init__(self, shape: tuple[int, int], stride: int = 1, clock: Clock | None = None) -> None:
@@ -97,6 +103,8 @@ class Photoreceptors:
         self._rest = 0.0  # time of the latest frame without any change
         self._latest = _PastFrame(0.0)
         self._lumas: deque[tuple[_PastFrame, Map]] = deque()
+        self.view = self._latest.view
+        self._maps: list[Map] | None = None
 
     @property
     def _series(self) -> tuple[_PastFrame | None, ...]:
@@ -106,10 +114,21 @@ class Photoreceptors:
     @property
     def maps(self) -> list[Map]:
         """P now and one and two intervals ago, 0 to 1; zeros where no frames were compared."""
-        return [
-            self._nothing if each is None or each.change is None else each.change
-            for each in self._series
-        ]
+        if self._maps is None:
+            self._maps = [
+                self._nothing
+                if each is None or each.change is None
+                else self._now_seen(each, each.change, self._nothing, cv2.INTER_LINEAR)
+                for each in self._series
+            ]
+        return self._maps
+
+    def _now_seen(self, then: _PastFrame, values: Map, outside: Map, interpolation: int) -> Map:
+        """Return a map of an earlier frame as the view of the latest frame shows it."""
+        if np.array_equal(then.view, self._latest.view):
+            return values
+        motion = np.linalg.inv(then.view) @ self._latest.view
+        return np.asarray(seen_from(values, motion, outside, interpolation), np.float32)
 
     @property
     def share(self) -> float:
@@ -198,11 +217,15 @@ class Photoreceptors:
             255. The frame is then not taken. Other values outside 0 to 1 are not checked.
         """
         self.need(luma)
-        frame = _PastFrame(self._clock.now(self._now))
+        frame = self._latest = _PastFrame(self._clock.now(self._now), view=self.view)
+        self._maps = None
         compared = self._compared_with(frame.at)
         if compared:
             frame.before, luma_before = compared
             frame.change = photoreceptors(luma, luma_before)
+            seen = self._now_seen(frame.before, luma_before, luma_before, cv2.INTER_CUBIC)
+            if seen is not luma_before:  # what moved against the ground changed in both views
+                np.minimum(frame.change, photoreceptors(luma, seen), out=frame.change)
             frame.mean = cv2.mean(frame.change)[0]
             frame.share = nearly_one(self.stride / (frame.at - frame.before.at))
         # Before the first comparison the scene is at rest while frames equal the first one.
@@ -234,7 +257,6 @@ class Photoreceptors:
 
     def _keep(self, frame: _PastFrame, luma: Map) -> None:
         """Keep a frame for later comparisons, unless it comes very soon after the last kept one."""
-        self._latest = frame
         if not self._lumas or frame.at - self._lumas[-1][0].at >= self.stride / _MOST_KEPT:
             self._lumas.append((frame, luma.copy()))
         oldest = self._series[-1]

@@ -6,7 +6,7 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
-from oppload_cli.models.camera import NO_BARS, Bars, SteadyLight
+from oppload_cli.models.camera import NO_BARS, Bars, SteadyLight, SteadyView, reduced
 from oppload_cli.models.detector import Column, Detector
 from oppload_cli.models.dpc import smaller
 from oppload_cli.models.layers import Layers
@@ -34,6 +34,7 @@ _REFERENCE = OpplodParams(
     persistence=0.0,
     sudden=0.0,
     light_s=0.0,
+    steady_view=False,
     interpolated="earlier",
     adaptation_level=0.0,
     cone=90.0,
@@ -130,8 +131,9 @@ class Opplod(Detector):
         own, clock, layers = self.params, self.layers.clock, self.layers
         light = own.light_s * clock.per_second
         self._light = SteadyLight(light) if light else None
+        self._view = SteadyView() if own.steady_view else None
         # These change frames or maps, so that layers cannot be shared.
-        if light or own.entering:
+        if light or own.steady_view or own.entering:
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(own, own.both_axes, own.stride)
         self._bars: Bars | None = None
@@ -175,7 +177,7 @@ class Opplod(Detector):
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        for part in (self._dpc, self._light, self._bars, self._half, self.judgement):
+        for part in (self._dpc, self._light, self._view, self._bars, self._half, self.judgement):
             if part:
                 part.reset()
 
@@ -203,6 +205,10 @@ class Opplod(Detector):
             self._bars.step(luma, photoreceptors.usual_step)
         if self._light:
             luma = self._light.step(luma, photoreceptors.usual_step)
+        if self._view:
+            photoreceptors.view = self._view.step(luma, photoreceptors.usual_step)
+            if self._half:
+                self._half.layer.photoreceptors.view = reduced(photoreceptors.view, 2)
         ready = self._dpc.step(luma)
         if self._half:
             ready |= self._half.step(smaller(luma, 2))

@@ -181,6 +181,11 @@ class OpplodParams(DpcParams):
         low=0,
         high=60,
     )
+    steady_view: bool = parameter(
+        True,
+        "True: P leaves out the turn and the shift of the complete picture, as by a camera that "
+        "pans, shakes or rolls",
+    )
     interpolated: str = parameter(
         "both",
         "OppLoD also sees pictures between frames 1.7 to 6.7 intervals apart, interpolated from "
@@ -228,7 +233,12 @@ class OpplodParams(DpcParams):
         literal: dict[str, object] = {"cell": 1, "cone": 90, "compression": 1, "stride": 1}
         literal |= dict.fromkeys(("border", "entering", "pool_sigma", "periphery"), 0)
         literal |= dict.fromkeys(("halved_weight", "persistence", "sudden", "history"), 0)
-        literal |= {"adaptation_level": 0, "light_s": 0, "interpolated": "none"}
+        literal |= {
+            "adaptation_level": 0,
+            "light_s": 0,
+            "steady_view": False,
+            "interpolated": "none",
+        }
         for name, value in literal.items():
             if getattr(self, name) != value:
                 raise ParameterError(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # Least side in px of a reduced frame for which flow is computed. OpenCV's inverse search refuses
 # sides below 8 to 12 px, and its patches of 8 px have no meaning in such small frames.
-_SHORTEST_SIDE = 16
+SHORTEST_SIDE = 16
 # Height below which, and width from which on, OpenCV takes too coarse a scale (`inverse_search`).
 _LOW, _WIDE = 32, 80
 # Frames that are more than 6.7 intervals apart differ too much for pictures in between.
@@ -186,7 +186,7 @@ class DenseFlow:
 
     def _prepare(self, height: int, width: int) -> None:
         reduction = self.params.reduction
-        while reduction > 1 and min(height, width) // reduction < _SHORTEST_SIDE:
+        while reduction > 1 and min(height, width) // reduction < SHORTEST_SIDE:
             reduction //= 2
         self._shape = (height, width)
         self._reduction = reduction
@@ -196,7 +196,7 @@ class DenseFlow:
         self._search.setPatchStride(6)  # denser patches take twice the time without a better result
 
     def _sampled(self) -> MotionVectors:
-        if min(self._reduced[1].shape) < _SHORTEST_SIDE:
+        if min(self._reduced[1].shape) < SHORTEST_SIDE:
             return _nothing()
         change = cv2.absdiff(*self._reduced)
         # A cell with a large enough mean change has at least one sample with such a change.
@@ -214,7 +214,7 @@ class DenseFlow:
 
     def _with_margin(self, first: int, extent: int, side: int) -> slice:
         """Return the pixels of a range of samples with a margin at both ends, along one side."""
-        margin = max(_MARGIN, (_SHORTEST_SIDE - extent + 1) // 2)
+        margin = max(_MARGIN, (SHORTEST_SIDE - extent + 1) // 2)
         start, stop = max(0, first - margin), min(side, first + extent + margin)
         return slice(start * self._reduction, stop * self._reduction)
 
@@ -292,7 +292,7 @@ class Interpolation:
         if before is None:
             self._search = inverse_search(luma.shape, cv2.DISOPTICAL_FLOW_PRESET_FAST)
         count = int(intervals + _ROUNDED_UP) if intervals < _MOST_INTERVALS + 1 - _ROUNDED_UP else 1
-        if before is None or count < 2 or min(luma.shape) < _SHORTEST_SIDE or not self._kinds:
+        if before is None or count < 2 or min(luma.shape) < SHORTEST_SIDE or not self._kinds:
             return
         flow = np.zeros((*luma.shape, 2), np.float32)
         first, second = (_grey_levels(each) for each in (before, luma))

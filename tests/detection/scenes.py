@@ -142,10 +142,19 @@ def looming_over(ground: list[Luma]) -> list[Luma]:
 
 
 def alarms(
-    video: FrameSource, preset: str, *, at_once: bool = False, **changes: float
+    video: FrameSource,
+    preset: str,
+    *,
+    at_once: bool = False,
+    steady_view: bool = True,
+    **changes: float,
 ) -> list[int]:
-    """Return the frames in which OppLoD's alarm is on, also with a sudden response `at_once`."""
+    """Return the frames in which OppLoD's alarm is on.
+
+    A sudden response is one too, `at_once`. Preset `reference` has no steady view.
+    """
     params = alarm_params(preset, **changes)
     own = parameters_of("opplod", preset)
+    own = own.replaced(steady_view=steady_view and own.steady_view)
     found = analyse(video, [own.replaced(sudden=0) if at_once else own], alarm=params, rmo=None)
     return [each.frame for each in found if each.alarms.get("opplod")]

@@ -190,8 +190,8 @@ def test_no_alarm(scene: str, preset: str) -> None:
     ],
 )
 def test_there_would_be_one_without_blind_frames(scene: str, preset: str) -> None:
-    found = alarms(shown_in(scene), preset, at_once=True, blind_s=0, enough_s=0)
-    assert found[0] == BEFORE
+    without = partial(alarms, at_once=True, steady_view=False, blind_s=0, enough_s=0)
+    assert without(shown_in(scene), preset)[0] == BEFORE
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -199,8 +199,8 @@ def test_out_of_rest_no_alarm_before_the_models_have_a_memory(preset: str) -> No
     """Patches at 8 px/frame are too fast for the models, but the first ten frames are blind."""
     moving = Film(scenes.out_of_rest(scenes.patches(12, 8, sigma=12)))
     first = set(range(STILL + 1, STILL + 11))
-    assert first & set(alarms(moving, preset, blind_s=0))
-    assert not first & set(alarms(moving, preset))
+    assert first & set(alarms(moving, preset, blind_s=0, steady_view=False))
+    assert not first & set(alarms(moving, preset, steady_view=False))
 
 
 @pytest.mark.parametrize(
@@ -216,6 +216,7 @@ def test_a_pan_that_begins_at_once_gives_no_alarm(speed: int, sigma: int) -> Non
     for seed in (2, 4):
         moving = Film(scenes.out_of_rest(scenes.patches(40, speed, sigma, seed)))
         assert alarms(moving, "default") == []
+        assert alarms(moving, "default", steady_view=False) == []
 
 
 @pytest.mark.parametrize("rate", [12, 20, 24, 30, 60])
@@ -223,7 +224,8 @@ def test_nor_at_another_frame_rate(rate: int) -> None:
     """With a longer guard the first frames that count come before the adaptation, but at 30."""
     pan = scenes.patches(2 * rate // 5 + 2, 240 // rate, 12, 2)
     film = np.stack([*[pan[0]] * (2 * rate // 5), *pan])
-    usual, alarm = parameters_of("opplod", "default"), alarm_params("default")
+    usual = parameters_of("opplod", "default").replaced(steady_view=False)
+    alarm = alarm_params("default")
     for guard_s, alarmed in ((usual.adaptation_guard_s, False), (0.25, rate != 30)):
         params = usual.replaced(adaptation_guard_s=guard_s)
         found = analyse(film, [params], rate=rate, alarm=alarm, rmo=None)
@@ -237,9 +239,12 @@ def test_nor_at_another_frame_rate(rate: int) -> None:
 def test_of_pans_over_patches_those_that_rise_give_more_alarms(
     speeds: Sequence[int], rise: int, alarmed: int
 ) -> None:
-    """The adaptation is 0.23 s behind a pan that becomes faster."""
-    pans = (scenes.patches(60, *each, rise) for each in product(speeds, (6, 12, 18), range(1, 5)))
-    assert sum(bool(alarms(Film(scenes.out_of_rest(each)), "default")) for each in pans) == alarmed
+    """The adaptation is 0.23 s behind a pan that becomes faster; a steady view hides the pan."""
+    pans = product(speeds, (6, 12, 18), range(1, 5))
+    films = [Film(scenes.out_of_rest(scenes.patches(60, *each, rise))) for each in pans]
+    for steady_view, count in ((False, alarmed), (True, 0)):
+        on = [alarms(film, "default", steady_view=steady_view) for film in films]
+        assert sum(map(bool, on)) == count
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -252,6 +257,16 @@ def test_a_looming_disk_over_a_ground_at_rest_alarms(ground: str, preset: str) -
     # Contact is at frame 60.
     assert on
     assert 40 <= on[0] <= 52
+
+
+@pytest.mark.parametrize("speed", [4, 8])
+def test_a_looming_disk_over_a_ground_that_moves_alarms(speed: int) -> None:
+    """The motion of the ground hides the disk, unless the view is steady."""
+    film = Film(scenes.looming_over(scenes.pan(60, speed)))
+    on = alarms(film, "default")
+    assert on
+    assert 40 <= on[0] <= 56
+    assert alarms(film, "default", steady_view=False) == []
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -303,11 +318,13 @@ def test_light_that_flickers_hides_an_approach_from_what_does_not_leave_it_out()
     assert kept["dlgmd", "default", 0.1] == pytest.approx(0, abs=1e-4)
 
 
-def shaken_alarms(width: int, sigma: float, seed: int, *, at_once: bool = False) -> int:
+def shaken_alarms(
+    width: int, sigma: float, seed: int, *, at_once: bool = False, steady_view: bool = False
+) -> int:
     """Return the number of alarms before patches of a width, seen by a shaking camera."""
     ground = scenes.patches(1, 1, width, seed)[0][:, :SIZE]
     film = Film(scenes.shaken(ground, 90, sigma, seed))
-    on = alarms(film, "default", at_once=at_once)
+    on = alarms(film, "default", at_once=at_once, steady_view=steady_view)
     return sum(frame - 1 not in on for frame in on)
 
 
@@ -325,6 +342,7 @@ def test_jerks_start_fewer_alarms_than_without_the_rule(
     films = list(product((4, 8, 16), (sigma,), range(8)))
     assert sum(shaken_alarms(*film, at_once=True) for film in films) == at_once
     assert sum(starmap(shaken_alarms, films)) == default
+    assert not any(shaken_alarms(*film, at_once=True, steady_view=True) for film in films)
 
 
 def passing(seed: int, bar: int) -> Film:

@@ -1,7 +1,10 @@
-"""Effects of cameras: light that flickers, bars beside the picture, edges of the frame."""
+"""Effects of cameras: light that flickers, a view that moves, bars, edges of the frame."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,10 +13,15 @@ from oppload_cli.models.camera import (
     NO_BARS,
     Bars,
     SteadyLight,
+    SteadyView,
     Widths,
     change_of_light,
+    fitted_motion,
     leave_out_entering,
+    reduced,
+    seen_from,
 )
+from oppload_cli.models.layers import Photoreceptors
 from tests.media import texture
 
 Luma = NDArray[np.float32]
@@ -140,6 +148,110 @@ def test_at_most_a_factor_of_2_is_removed_from_light_that_falls_steadily() -> No
         shown = light.step(luma, 1.0)
         gain = min(-t * np.log(0.8), 0.7)
         np.testing.assert_allclose(shown / luma, np.exp(gain), rtol=1e-3)
+
+
+def views(motions: list[tuple[float, float, float]]) -> list[Luma]:
+    """Return what a camera sees of a texture: shifts right and down in px, and turns in degrees."""
+    ground = np.asarray(0.2 + 0.6 * texture(2 * HEIGHT, 2 * WIDTH, 0), np.float32)
+    middle, frames = np.array([WIDTH - 0.5, HEIGHT - 0.5]), []
+    for right, down, degrees in motions:
+        move = cv2.getRotationMatrix2D(tuple(middle), degrees, 1)
+        move[:, 2] += np.array([right, down])
+        seen = cv2.warpAffine(ground, move, ground.shape[::-1], flags=cv2.INTER_CUBIC)
+        part = seen[HEIGHT // 2 : -HEIGHT // 2, WIDTH // 2 : -WIDTH // 2]
+        frames.append(np.asarray(part, np.float32))
+    return frames
+
+
+@pytest.mark.parametrize("rate", [1, 4])
+@pytest.mark.parametrize("motion", [(3.0, 0, 0), (0, -1.3, 0), (0, 0, 2), (2.2, 3.1, -1.5)])
+def test_the_view_of_a_camera_is_followed(motion: tuple[float, float, float], rate: int) -> None:
+    """The same motion per interval is found at any frame rate, to a pixel in three."""
+    view = SteadyView()
+    right, down, degrees = motion
+    shares = [frame / rate for frame in range(3 * rate + 1)]
+    for luma in views([(share * right, share * down, share * degrees) for share in shares]):
+        found = view.step(luma, 1 / rate)
+    middle = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
+    expected = cv2.getRotationMatrix2D(middle, 3 * motion[2], 1)
+    expected[:, 2] += 3 * np.array(motion[:2])
+    corners = np.array([[0, 0, 1], [WIDTH - 1, 0, 1], [0, HEIGHT - 1, 1], [*middle, 1]])
+    first = (found @ corners.T)[:2]  # the places in the first frame
+    np.testing.assert_allclose(expected @ [*first, np.ones(4)], corners[:, :2].T, atol=1)
+
+
+def test_p_leaves_the_motion_of_the_view_out() -> None:
+    """The view moves right by 3 px per frame; from frame 2 on the ground has a bright spot."""
+    ground = 0.2 + 0.6 * texture(HEIGHT, 2 * WIDTH, 0)
+    photoreceptors = Photoreceptors((HEIGHT, WIDTH))
+    for t in range(4):
+        if t == 2:
+            ground[60:64, 76:80] = 1
+        seen = ground[:, 3 * t : 3 * t + WIDTH].copy()
+        photoreceptors.view = np.array([[1, 0, 3.0 * t], [0, 1, 0], [0, 0, 1]])
+        photoreceptors.step(seen)
+    now, before, two_ago = photoreceptors.maps
+    spot = np.zeros((HEIGHT, WIDTH), np.bool_)
+    spot[60:64, 67:71] = True  # as the latest frame shows its place
+    inner = np.s_[:, :-6]  # the earlier frames do not show the rest
+    assert before[spot].min() > 0.1
+    for p in (now, np.where(spot, 0, before), two_ago):
+        assert p[inner].max() < 1e-6
+    # P is never larger than without a view: what stays in the picture does not change.
+    photoreceptors.view = np.array([[1, 0, 20.0], [0, 1, 0], [0, 0, 1]])
+    photoreceptors.step(seen)
+    assert photoreceptors.maps[0].max() == 0
+
+
+def test_an_object_before_a_ground_at_rest_does_not_move_the_view() -> None:
+    ground, moving = scene(), scene(3)
+    view = SteadyView()
+    for left in range(0, 40, 4):
+        luma = ground.copy()
+        luma[20:100, left : left + 60] = moving[20:100, :60]
+        np.testing.assert_array_equal(view.step(luma, 1.0), np.eye(3))
+
+
+def test_neither_growth_nor_noise_nor_a_grating_moves_the_view() -> None:
+    x = np.arange(WIDTH) + np.zeros((HEIGHT, 1))
+    middle, size = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2), (WIDTH, HEIGHT)
+    films: list[list[Any]] = [
+        [cv2.warpAffine(scene(), cv2.getRotationMatrix2D(middle, 0, g), size) for g in (1, 1.02)],
+        [scene() + RANDOM.normal(0, 0.02, (HEIGHT, WIDTH)) for _ in range(3)],
+        [0.5 + 0.3 * np.sin((x + 3 * t) / 4) for t in range(3)],
+        [np.full((HEIGHT, WIDTH), 0.5), np.full((HEIGHT, WIDTH), 0.6)],
+        [np.full((8, 12), 0.5), texture(8, 12, 0)],
+    ]
+    for film in films:
+        view = SteadyView()
+        for luma in film:
+            np.testing.assert_allclose(
+                view.step(np.asarray(luma, np.float32), 1.0), np.eye(3), atol=0.06
+            )
+
+
+def test_most_places_decide_about_the_motion() -> None:
+    places = RANDOM.uniform(-50, 50, 200) + 1j * RANDOM.uniform(-50, 50, 200)
+    flow = 1.5 - 2j + (1.02 * np.exp(0.01j) - 1) * places
+    flow[:80] += 7  # an object moves otherwise
+    shift, factor = fitted_motion(places, flow)
+    assert shift == pytest.approx(1.5 - 2j, abs=0.02)
+    assert factor == pytest.approx(1.02 * np.exp(0.01j), abs=5e-4)
+
+
+def test_a_motion_in_a_reduced_frame_is_the_same_motion() -> None:
+    motion = np.array([[1, 0, 4.0], [0, 1, -2], [0, 0, 1]])
+    np.testing.assert_allclose(reduced(motion, 2), [[1, 0, 2], [0, 1, -1], [0, 0, 1]])
+    turn = np.array([[0, -1, 7.0], [1, 0, 0], [0, 0, 1]])  # about the middle of 8 x 8 px
+    np.testing.assert_allclose(reduced(turn, 2), [[0, -1, 3], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(reduced(reduced(turn, 2), 0.5), turn, atol=1e-12)
+
+
+def test_places_outside_the_earlier_frame_keep_their_values() -> None:
+    values = np.arange(12, dtype=np.float32).reshape(3, 4)
+    motion = np.array([[1, 0, 1.0], [0, 1, 0], [0, 0, 1]])  # from x to x + 1 in the earlier frame
+    seen = seen_from(values, motion, -np.ones_like(values), cv2.INTER_LINEAR)
+    np.testing.assert_array_equal(seen, [[1, 2, 3, -1], [5, 6, 7, -1], [9, 10, 11, -1]])
 
 
 def test_after_a_reset_the_next_frame_is_the_first() -> None:
