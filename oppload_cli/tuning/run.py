@@ -20,6 +20,7 @@ from oppload_cli.results.reading import direction_of
 from oppload_cli.results.table import write_sidecar
 from oppload_cli.stimulus.kinematics import motion_times
 from oppload_cli.stimulus.renderer import Renderer
+from oppload_cli.stimulus.truth import frame_truth
 from oppload_cli.tuning.present import Measures, measure, present
 
 if TYPE_CHECKING:
@@ -149,6 +150,7 @@ def doubts_about(
         yield from faint(peaks, settings)
     if _PRESENTATION not in conditions[0].values:
         yield from _to_onset(conditions, entry)
+        yield from _within_warm_up(conditions, entry)
         if not indicator_s:  # with one, a peak may come at the end of any motion
             yield from _to_vanishing(conditions, entry)
     yield from _unlike_neurons(settings, entry.protocols()[0].display.height, indicator_s)
@@ -210,6 +212,46 @@ def _to_onset(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
                 f"motion: they are responses to this start, and show no tuning"
                 f"{advice if helps else ''}",
             )
+
+
+def _within_warm_up(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
+    """Yield the detectors that see only the end of the motion, or nothing of it.
+
+    A detector with a long warm-up does not respond to the first intervals of a motion. If these are
+    more than half of the motion, a peak of 0, or one in the first frame with a response, depends on
+    the warm-up.
+    """
+    protocols = entry.protocols()
+    for name in conditions[0].measures:
+        detector = detector_named(name)
+        first_s = detector.warm_up / 30
+        if detector.warm_up <= _ONSET_INTERVALS:
+            continue
+        missed = []
+        for condition, protocol in zip(conditions, protocols, strict=True):
+            found, start_s = condition.measures[name], _pause(protocol)[0]
+            late = found.peak_time_s is None or (
+                found.onset_frame == found.peak_frame
+                and _ONSET_S <= found.peak_time_s - start_s < first_s + 1 / 30
+            )
+            missed.append(late and 0 < _motion_end(protocol) - start_s < 2 * first_s)
+        if any(missed):
+            part = f"{sum(missed)} of {len(missed)} peaks"
+            yield Doubt(
+                name,
+                f"{part} cut off by the warm-up: no tuning",
+                f"{detector.label}: {part} are 0 or its first response, because it responds only "
+                f"from {first_s:.2g} s after the start of the motion on, when more than half of "
+                "the motion is over: they show no tuning; choose a slower or longer motion",
+            )
+
+
+def _motion_end(protocol: Protocol) -> float:
+    """Return when the last object stops, in seconds of the clip; 0 if none moves."""
+    step_s = 1 / float(protocol.display.frame_rate)
+    truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))
+    moving = [each.time_s for each in truths if any(one.edge_speed_deg_s for one in each.objects)]
+    return moving[-1] + step_s if moving else 0.0
 
 
 def _pause(protocol: Protocol) -> tuple[float, list[str]]:

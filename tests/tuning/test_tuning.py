@@ -297,6 +297,25 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
         assert "--change" not in doubt.text
 
 
+def test_peaks_that_the_warm_up_cuts_off_are_named(tmp_path: Path) -> None:
+    """OppLoD responds from 0.1 s on; these disks grow for 0.07, 0.11 and 0.6 s."""
+    changes = {"display.frame_rate": 100, "disk.growth.speed_deg_s": [140, 90, 15]}
+    entry = disk(tmp_path, before=0.2).with_settings({**changes, "disk.growth.end_deg": 22})
+    settings = resolve(preset="reference", height="native", models=["opplod", "frame_difference"])
+    conditions = tune(entry, settings)
+    fast, middle, _ = (each.measures["opplod"] for each in conditions)
+    assert fast.peak == 0
+    assert middle.peak_time_s == pytest.approx(0.32)
+    doubts = [each for each in doubts_about(conditions, entry, settings) if "warm-up" in each.note]
+    assert [each[:2] for each in doubts] == [
+        ("opplod", "2 of 3 peaks cut off by the warm-up: no tuning")
+    ]
+    assert "responds only from 0.1 s after the start of the motion on" in doubts[0].text
+    longer = entry.with_settings({"disk.growth.speed_deg_s": [15]})
+    doubts = list(doubts_about(tune(longer, settings), longer, settings))
+    assert not any("warm-up" in each.note for each in doubts)
+
+
 def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
     shown = disk(tmp_path).with_settings({"timing.after_s": 0.4})
     gone = shown.with_settings({"disk.vanishes": "end"})
