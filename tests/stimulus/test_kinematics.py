@@ -191,6 +191,14 @@ def test_steps() -> None:
     assert not frame_truth(protocol, 14).objects[0].looming
 
 
+def test_a_step_at_the_start_of_the_motion_comes_after_the_pause() -> None:
+    obj = disk(size_deg=0, growth=Growth(kind="steps", sizes_deg=(10, 20), times_s=(0, 0.4)))
+    protocol = made(obj)  # its motion begins at 0.2 s and ends at 1.2 s
+    assert [size(protocol, t) for t in (0, 0.19, 0.2, 0.59, 0.61)] == [0, 0, 10, 10, 20]
+    backwards = made(dataclasses.replace(obj, reverse=True))
+    assert [size(backwards, t) for t in (0, 0.79, 0.81, 1.19, 1.21)] == [20, 20, 10, 10, 0]
+
+
 def test_onset_duration_appearance() -> None:
     obj = disk(
         size_deg=8,
