@@ -56,9 +56,7 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
         velocity_deg_s=moved,
         orientation_deg=obj.axis_deg + turn + _scene_turn(protocol, time),
         extent=extent,
-        luminance=_luminance_at(
-            obj.brightness, obj.base_luminance, min(time, end) - start, end - start
-        ),
+        luminance=_luminance_at(protocol, obj, min(time, end) - start, start, end),
         zoom=math.exp(obj.motion.zoom_per_s * phase) if obj.motion else 1.0,
         travel_deg=travel,
         contact_in_s=None if contact is None else contact - time,
@@ -207,17 +205,23 @@ def _movement(
 
 
 def _luminance_at(
-    brightness: Brightness | None, base: float, elapsed: float, duration: float
+    protocol: ProtocolTables, obj: Object, elapsed: float, start: float, end: float
 ) -> float:
     """Return the luminance `elapsed` seconds after the start of the motion (negative: before)."""
-    if brightness is None or elapsed + ROUNDING_S < brightness.start_s:
+    brightness, base = obj.brightness, obj.base_luminance
+    if brightness is None or (
+        brightness.kind != "approach" and elapsed + ROUNDING_S < brightness.start_s
+    ):
         return base
     since = max(elapsed - brightness.start_s, 0.0)
     if brightness.kind == "step":
         share = 1.0
     elif brightness.kind == "ramp":
-        length = brightness.duration_s or max(duration - brightness.start_s, 1e-9)
+        length = brightness.duration_s or max(end - start - brightness.start_s, 1e-9)
         share = min(since / length, 1.0)
+    elif brightness.kind == "approach":
+        contact = end if brightness.contact_s is None else brightness.contact_s
+        share = _share_of_largest(protocol, brightness, contact - start - since)
     else:
         cycle = since * (brightness.frequency_hz or 0.0)
         if brightness.waveform == "sine":
@@ -225,6 +229,12 @@ def _luminance_at(
         else:  # 1e-9: a rounded time may lie just before the switch
             share = float((cycle + 1e-9) % 1 >= 0.5)
     return base + (brightness.to - base) * share
+
+
+def _share_of_largest(protocol: ProtocolTables, approach: Brightness, remaining: float) -> float:
+    """Return the area of an approaching shape on the display, divided by its largest area."""
+    projection, half = Projection.of(protocol.display), _approach(approach, remaining).forward
+    return (projection.reach(half) / projection.reach((approach.most_deg or 180.0) / 2)) ** 2
 
 
 def _path(motion: Motion, elapsed: float, backwards: bool) -> tuple[_Vector, _Vector]:
@@ -283,18 +293,18 @@ def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
     return Extent(size / 2, size / 2)
 
 
-def _approach(growth: Growth, remaining: float) -> Extent:
+def _approach(growth: Growth | Brightness, remaining: float) -> Extent:
     """Return the reach of an object that approaches at constant speed.
 
     Its angular size is ``2 atan((l/v) / remaining)``, with l the half size of the object, v its
     speed and `remaining` the seconds until contact (Gabbiani et al. 1999). From contact on, the
     object fills the view.
     """
-    ratio = (growth.l_over_v_ms or 0.0) / 1000
+    ratio, most = (growth.l_over_v_ms or 0.0) / 1000, (growth.most_deg or 180.0) / 2
     half = math.degrees(math.atan2(ratio, remaining)) if remaining > 0 else 90.0
     speed = math.degrees(ratio / (remaining**2 + ratio**2)) if remaining > 0 else 0.0
-    if half <= growth.least_deg / 2 or half >= growth.most_deg / 2:
-        half, speed = min(max(half, growth.least_deg / 2), growth.most_deg / 2), 0.0
+    if half <= growth.least_deg / 2 or half >= most:
+        half, speed = min(max(half, growth.least_deg / 2), most), 0.0
     return Extent(half, half, speed, speed)
 
 

@@ -124,11 +124,14 @@ class Brightness(Table):
 
     kind: str = parameter(
         REQUIRED,
-        "step: at once; ramp: evenly; flicker: back and forth",
-        choices=("step", "ramp", "flicker"),
+        "step: at once; ramp: evenly; flicker: back and forth; approach: as the mean over an area "
+        "in which an object of the luminance `to` approaches",
+        choices=("step", "ramp", "flicker", "approach"),
     )
     to: float = parameter(REQUIRED, "luminance to which it changes", low=0, high=1)
-    start_s: float = parameter(0.0, "when the change starts", low=0, high=3600)
+    start_s: float = parameter(
+        0.0, "when the change starts", low=0, high=3600, kinds=("step", "ramp", "flicker")
+    )
     duration_s: float | None = parameter(
         None,
         "duration of the ramp; default: the rest of the motion",
@@ -142,6 +145,31 @@ class Brightness(Table):
     waveform: str = parameter(
         "square", "square or sine", choices=("square", "sine"), kinds=("flicker",)
     )
+    l_over_v_ms: float | None = parameter(
+        None, "half size over speed of the approach", above=0, high=1e6, needed_by=("approach",)
+    )
+    contact_s: float | None = parameter(
+        None,
+        "time of contact, in seconds of the clip; default: the end of the motion",
+        low=0,
+        high=10_000,
+        kinds=("approach",),
+    )
+    least_deg: float = parameter(
+        0.0, "smallest size of the approach", low=0, high=180, kinds=("approach",)
+    )
+    most_deg: float | None = parameter(
+        None,
+        "largest size of the approach, at which the luminance is `to`; usually size_deg",
+        above=0,
+        high=180,
+        needed_by=("approach",),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.most_deg is not None and self.least_deg >= self.most_deg:
+            raise StimulusError("least_deg must be below most_deg")
 
 
 @dataclass(frozen=True, kw_only=True)

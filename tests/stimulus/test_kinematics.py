@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus import (
     Brightness,
     Display,
@@ -18,6 +19,7 @@ from oppload_cli.stimulus import (
     Motion,
     Object,
     Protocol,
+    Renderer,
     Scene,
     Timing,
     frame_truth,
@@ -330,3 +332,23 @@ def test_brightness() -> None:
     assert at(square, 1.19, 1.45) == [0.8, 0.2]  # from the end of the motion on it stays
     sine = Brightness(kind="flicker", to=0.8, frequency_hz=2, waveform="sine")
     assert at(sine, 0.2, 0.45, 0.7) == pytest.approx([0.2, 0.8, 0.2])
+
+
+@pytest.mark.parametrize("projection", ["flat", "perspective"])
+def test_a_disk_that_dims_as_another_approaches_gives_as_much_light(projection: str) -> None:
+    approach: dict[str, Any] = {"l_over_v_ms": 60, "least_deg": 8, "most_deg": 40}
+    display = Display(
+        width=240, height=240, pixels_per_degree=4, background=0.8, projection=projection
+    )
+    timing = Timing(before_s=0.2, motion_s=1.0, after_s=0.2)
+    near = disk(luminance=0.1, growth=Growth(kind="approach", **approach))
+    dimming = Brightness(kind="approach", to=0.1, **approach)
+    still = disk(luminance=0.8, size_deg=40, brightness=dimming)
+    one, other = (
+        Renderer(Protocol(display=display, timing=timing, objects=(obj,))) for obj in (near, still)
+    )
+    light = [[float(each.luminance(i).sum()) for i in range(42)] for each in (one, other)]
+    assert light[1] == pytest.approx(light[0], rel=1e-5)
+    assert light[0][0] > 1.2 * light[0][-1]
+    with pytest.raises(StimulusError, match="least_deg must be below most_deg"):
+        Brightness(kind="approach", to=0, l_over_v_ms=60, least_deg=50, most_deg=40)
