@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
 from av.codec.context import Flags
+from av.video.reformatter import ColorTrc
 
 from oppload_cli.errors import SourceError, cannot_read, reason_of, without_login
 from oppload_cli.files.reading import is_file
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 
 
 Value = TypeVar("Value")
+_HDR: dict[int, str] = {ColorTrc.SMPTE2084: "PQ", ColorTrc.ARIB_STD_B67: "HLG"}
 _LIVE = "mpjpeg"  # images that a network camera sends one by one over HTTP, without times
 # Addresses of these kinds send pictures at their own pace, whether or not they are read.
 _REAL_TIME = ("rtsp:", "rtsps:", "rtp:", "srt:", "udp:", "rtmp:", "rtmps:")
@@ -147,6 +149,16 @@ class ContainerSource:
         if is_transparent(self._first):
             self.decode.note(
                 "transparency is left out; draw the pictures on an opaque background first"
+            )
+        if self._first.interlaced_frame:
+            self.decode.note(
+                "the pictures are interlaced: moving edges look like combs, so that responses are "
+                "low; deinterlace them first, as FFmpeg's filter yadif does"
+            )
+        if curve := _HDR.get(self._first.color_trc):
+            self.decode.note(
+                f"the pictures are HDR ({curve}), whose contrast as coded is low, and so are "
+                "responses; convert them to SDR first"
             )
         self.decode.missing = self._missing()
         if corrupt := self.decode.corrupt:

@@ -109,6 +109,29 @@ def test_a_video_with_transparency_gives_a_note(
 
 
 @pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, ""),
+        ({"x264-params": "tff=1"}, "the pictures are interlaced: moving edges look like combs"),
+        ({"x264-params": "transfer=smpte2084"}, "the pictures are HDR (PQ), whose contrast"),
+        ({"x264-params": "transfer=arib-std-b67"}, "the pictures are HDR (HLG), whose contrast"),
+    ],
+)
+def test_interlaced_and_hdr_pictures_give_a_note(
+    tmp_path: Path, options: dict[str, str], said: str
+) -> None:
+    frames, pixels = grey_frames(3), "yuv420p"
+    path = write_video(
+        tmp_path / "a.mp4", frames, codec="libx264", pixel_format=pixels, options=options
+    )
+    with open_video(path) as video:
+        assert len(list(video)) == 3
+        assert len(video.decode.messages) == bool(said)
+        assert all(each.startswith(said) for each in video.decode.messages)
+        assert video.decode.complete
+
+
+@pytest.mark.parametrize(
     ("name", "steps", "rate"),
     [
         ("a.gif", [2], 50),  # FFmpeg's average: 100
