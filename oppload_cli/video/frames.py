@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 USUAL_RATE = Fraction(30)  # frames/s, assumed if an input states no rate
 _LEAST_RATE = 9.0  # frames/s; at lower rates few responses have a meaning (docs/time.md)
 _FOR_LONG_S = 2.0  # a lower rate for so long in all gives a remark, if the rate of most is higher
+_GAP_S = 0.5  # a longer time without a frame gives a remark; alarms begin anew after it
 # A step is the time between two frames.
 _MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps
 # A step is usual if it differs from the median by at most this share of the median, or this time.
@@ -190,7 +191,7 @@ class FrameTimes:
         self._steps: list[float] = []
         self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
         self._corrected_s = self._uncorrected_s = 0.0  # times of the latest frame
-        self._first_s = self._shift_s = self._longest_s = 0.0
+        self._first_s = self._shift_s = self._longest_s = self._gap_from_s = 0.0
         self._slow_s = 0.0  # time in which the usual rate was below `_LEAST_RATE`
         self._frames = self._first_wrong = 0
         self.wrong = 0  # number of times that were not later than the time before
@@ -210,7 +211,8 @@ class FrameTimes:
                 taken_back_s = min(self._shift_s, _TAKEN_BACK * step_s)
                 self._shift_s -= taken_back_s
                 now_s -= taken_back_s
-            self._longest_s = max(self._longest_s, step_s)
+            if step_s > self._longest_s:
+                self._longest_s, self._gap_from_s = step_s, before_s
             self._latest.append(step_s)
             # The usual step is counted instead of the step, which may be a pause of hours.
             usual_s = median(self._latest)
@@ -273,6 +275,11 @@ class FrameTimes:
             remarks.append(
                 f"{in_digits(self._declared)} frames/s are declared, but the times of most frames "
                 f"say {in_digits(rate)}; the times are used"
+            )
+        if rate * self._longest_s > 2 and self._longest_s > _GAP_S:
+            remarks.append(
+                f"the longest time without a frame is {self._longest_s:.2f} s, from "
+                f"{self._gap_from_s:.2f} s on; what happened then was not seen"
             )
         if rate < _LEAST_RATE:
             remarks.append(

@@ -24,6 +24,17 @@ def test_times_that_increase_stay_as_they_are() -> None:
     assert kept.as_dict()["longest_step_s"] == pytest.approx(0.12)
 
 
+@pytest.mark.parametrize(("gap_s", "said"), [(0.5, False), (0.6, True)])
+def test_a_long_time_without_a_frame_gives_a_remark(gap_s: float, said: bool) -> None:
+    times = [t / 25 for t in range(20)]
+    _, kept = taken([*times, *(times[-1] + gap_s + t for t in times)], 25)
+    remark = (
+        "the longest time without a frame is 0.60 s, from 0.76 s on; what happened then was not "
+        "seen"
+    )
+    assert kept.remarks() == [remark] * said
+
+
 def test_equal_and_backward_times_follow_by_a_step() -> None:
     found, kept = taken([0, 0.04, 0.04, 0.02, 0.16, 0.2], 25)
     assert found == pytest.approx([0, 0.04, 0.08, 0.12, 0.16, 0.2])
@@ -123,7 +134,8 @@ def test_a_low_frame_rate_after_a_higher_one_gives_a_remark() -> None:
     # The median of 15 steps shows the new rate from its eighth step on.
     assert note.startswith("for 18 s in all, frames came at less than 9 per second, too few for")
     pauses = [0, *(5 + t / 30 + 5 * (t // 100) for t in range(1800))]
-    assert taken(pauses)[1].remarks() == []
+    (note,) = taken(pauses)[1].remarks()
+    assert note.startswith("the longest time without a frame is 5.03 s")
 
 
 @given(st.lists(st.sampled_from([0, 40, 200]) | st.integers(-(10**6), 10**6), max_size=9))
