@@ -10,11 +10,15 @@ import bisect
 import math
 import random
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from oppload_cli.stimulus.courses import HIT_SIZES
 from oppload_cli.stimulus.geometry import Extent, Pose, Projection
 from oppload_cli.stimulus.objects import FIELDS, LOOMING, Brightness, Growth, Motion, Object
 from oppload_cli.stimulus.tables import Camera, ProtocolTables, Timing, exact_sum
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _Vector = tuple[float, float]
 _STILL: _Vector = (0.0, 0.0)
@@ -239,19 +243,27 @@ def _share_of_largest(protocol: ProtocolTables, approach: Brightness, remaining:
 
 def _path(motion: Motion, elapsed: float, backwards: bool) -> tuple[_Vector, _Vector]:
     """Return the displacement and the velocity along the points of a path."""
-    points, times = motion.path_deg, motion.path_s
-    if not points:
+    if not motion.path_deg:
         return _STILL, _STILL
-    if backwards:  # at a point, the velocity is that from the point before to this one
+    (x, vx), (y, vy) = (
+        _joined(values, motion.path_s, elapsed, backwards)
+        for values in zip(*motion.path_deg, strict=True)
+    )
+    return (x, y), (vx, vy)
+
+
+def _joined(
+    values: Sequence[float], times: Sequence[float], elapsed: float, backwards: bool
+) -> tuple[float, float]:
+    """Return the value at a time, and its speed, if straight lines join values at given times."""
+    if backwards:  # at a given time, the speed is that from the value before to this one
         reached = bisect.bisect_left(times, elapsed - ROUNDING_S)
     else:
         reached = bisect.bisect_right(times, elapsed + ROUNDING_S)
-    if reached in {0, len(points)}:  # before the first point, or after the last one
-        return points[max(reached - 1, 0)], _STILL
-    (x0, y0), (x1, y1) = points[reached - 1 : reached + 1]
-    length, since = times[reached] - times[reached - 1], elapsed - times[reached - 1]
-    vx, vy = (x1 - x0) / length, (y1 - y0) / length
-    return (x0 + vx * since, y0 + vy * since), (vx, vy)
+    if reached in {0, len(values)}:  # before the first value, or after the last one
+        return values[max(reached - 1, 0)], 0.0
+    speed = (values[reached] - values[reached - 1]) / (times[reached] - times[reached - 1])
+    return values[reached - 1] + speed * (elapsed - times[reached - 1]), speed
 
 
 def shaken(motion: Motion | Camera, elapsed: float, seed: str) -> tuple[_Vector, _Vector]:
@@ -287,6 +299,10 @@ def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
         return _approach(growth, contact - start - elapsed)
     if growth is not None and growth.kind == "edge-speed":
         return _constant_edge_speed(growth, size, elapsed, obj.reverse)
+    if growth is not None and growth.kind == "path":
+        sizes, times = (size, *growth.sizes_deg), (0.0, *growth.times_s)
+        size, speed = _joined(sizes, times, elapsed, obj.reverse)
+        return Extent(size / 2, size / 2, speed / 2, speed / 2)
     if growth is not None:
         reached = bisect.bisect_right(growth.times_s, elapsed + ROUNDING_S)
         size = growth.sizes_deg[reached - 1] if reached else size

@@ -56,8 +56,8 @@ class Growth(Table):
     kind: str = parameter(
         REQUIRED,
         "edge-speed: constant speed of the edge; approach: constant approach speed; "
-        "steps: sudden sizes",
-        choices=("edge-speed", "approach", "steps"),
+        "steps: sudden sizes; path: sizes joined by straight lines, from size_deg on",
+        choices=("edge-speed", "approach", "steps", "path"),
     )
     speed_deg_s: float | None = parameter(
         None, "speed of each moving edge", above=0, high=100_000, needed_by=("edge-speed",)
@@ -104,18 +104,24 @@ class Growth(Table):
         kinds=("approach",),
     )
     sizes_deg: tuple[float, ...] = parameter(
-        (), "sizes to step to", low=0, high=360, kinds=("steps",)
+        (), "sizes to step to, or to reach", low=0, high=360, kinds=("steps", "path")
     )
     times_s: tuple[float, ...] = parameter(
-        (), "when the size steps, from the start of the motion", low=0, high=3600, kinds=("steps",)
+        (),
+        "when the size steps, or is reached, from the start of the motion",
+        low=0,
+        high=3600,
+        kinds=("steps", "path"),
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.least_deg >= self.most_deg:
             raise StimulusError("least_deg must be below most_deg")
-        if self.kind == "steps":
+        if self.kind in {"steps", "path"}:
             _check_times(self.times_s, self.sizes_deg, "times_s", "sizes_deg")
+        if self.kind == "path" and self.times_s[0] == 0:
+            raise StimulusError("times_s of a path must begin after 0; its first size is size_deg")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -256,7 +256,7 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
     if not over:
         if not entry.sweep:
             raise StimulusError(
-                f"{entry.name}: has no sweep of its own; give one, e.g. --over speed=10,20,40"
+                f"{entry.name}: has no sweep of its own; give one, e.g. --over direction=0:315:45"
             )
         return entry
     chosen: dict[str, list[Any]] = {}

@@ -193,6 +193,24 @@ def test_steps() -> None:
     assert not frame_truth(protocol, 14).objects[0].looming
 
 
+def test_a_size_along_a_path() -> None:
+    """It grows, pauses, and shrinks."""
+    growth = Growth(kind="path", sizes_deg=(20, 20, 12), times_s=(0.5, 0.7, 0.9))
+    protocol = made(disk(size_deg=10, growth=growth))  # its motion begins at 0.2 s
+    sizes = [size(protocol, t) for t in (0, 0.2, 0.45, 0.7, 0.8, 1.0, 1.1, 1.5)]
+    assert sizes == pytest.approx([10, 10, 15, 20, 20, 16, 12, 12])
+    # The speed is that of each edge, so half of that of the size.
+    truths = [frame_truth(protocol, index).objects[0] for index in (5, 6, 20, 21, 26, 27, 33)]
+    speeds = [each.edge_speed_deg_s for each in truths]
+    assert speeds == pytest.approx([0, 10, 10, 0, 0, -20, 0])
+    assert [each.looming for each in truths] == [False, True, True, False, False, False, False]
+    assert contact_time(protocol) is None
+    backwards = made(dataclasses.replace(protocol.objects[0], reverse=True))
+    assert size(backwards, 0.4) == pytest.approx(size(protocol, 1.0))
+    with pytest.raises(StimulusError, match="times_s of a path must begin after 0"):
+        Growth(kind="path", sizes_deg=(20,), times_s=(0,))
+
+
 def test_a_step_at_the_start_of_the_motion_comes_after_the_pause() -> None:
     obj = disk(size_deg=0, growth=Growth(kind="steps", sizes_deg=(10, 20), times_s=(0, 0.4)))
     protocol = made(obj)  # its motion begins at 0.2 s and ends at 1.2 s
