@@ -22,7 +22,7 @@ WORDS = {
     "speed": ("{id}.growth.speed_deg_s", "{id}.motion.speed_deg_s"),
     "width": ("{id}.width_deg",),
     "size": ("{id}.size_deg",),
-    "l/v": ("{id}.growth.l_over_v_ms",),
+    "l/v": ("{id}.growth.l_over_v_ms", "{id}.brightness.l_over_v_ms"),
     "position": ("{id}.centre_deg", "scene.centre_deg"),
 }
 # Keys that a word means only if the stimulus sweeps them.

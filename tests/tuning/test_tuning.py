@@ -267,6 +267,15 @@ def test_options_that_contradict_each_other(
         sweeps("klapoetke2017/loom-l-over-v", (), changes, over, {"models": ["opplod"]})
 
 
+def test_l_over_v_is_also_that_of_an_object_that_dims(tmp_path: Path) -> None:
+    growth = '[object.growth]\nkind = "edge-speed"\nspeed_deg_s = 25'
+    dimming = '[object.brightness]\nkind = "approach"\nto = 0\nl_over_v_ms = 40\nmost_deg = 9'
+    text = DISK.format(before=0).replace(growth, dimming).partition("[sweep]")[0]
+    (tmp_path / "dim.toml").write_text(text)
+    entry = swept(str(tmp_path / "dim.toml"), ["l/v=10,20"])
+    assert entry.sweep == {"disk.brightness.l_over_v_ms": [10, 20]}
+
+
 def at_the_start(conditions: list[Condition], entry: Entry, settings: Settings) -> list[Doubt]:
     doubts = doubts_about(conditions, entry, settings)
     return [doubt for doubt in doubts if "the start of the motion" in doubt.note]
