@@ -320,8 +320,10 @@ def test_peaks_that_the_warm_up_cuts_off_are_named(tmp_path: Path) -> None:
         ("opplod", "2 of 3 peaks cut off by the warm-up: no tuning")
     ]
     assert "responds only from 0.1 s after the start of the motion on" in doubts[0].text
+    # In a longer motion the largest response may be the first one.
     longer = entry.with_settings({"disk.growth.speed_deg_s": [15]})
-    doubts = list(doubts_about(tune(longer, settings), longer, settings))
+    first = [replace(each, measures=conditions[1].measures) for each in tune(longer, settings)]
+    doubts = list(doubts_about(first, longer, settings))
     assert not any("warm-up" in each.note for each in doubts)
 
 
