@@ -193,7 +193,7 @@ def test_p_leaves_the_motion_of_the_view_out() -> None:
     now, before, two_ago = photoreceptors.maps
     spot = np.zeros((HEIGHT, WIDTH), np.bool_)
     spot[60:64, 67:71] = True  # as the latest frame shows its place
-    inner = np.s_[:, :-6]  # the earlier frames do not show the rest
+    inner = np.s_[:, :-12]  # the earlier frames do not show the rest
     assert before[spot].min() > 0.1
     for p in (now, np.where(spot, 0, before), two_ago):
         assert p[inner].max() < 1e-6
