@@ -65,6 +65,37 @@ def test_every_control_gives_no_alarm(name: str, preset: str) -> None:
         assert alarms(StimulusVideo(protocol, HEIGHT), preset) == [], protocol.name
 
 
+MOVING, SHAKEN = "controls/looming-on-moving-texture", "controls/looming-with-shake"
+SPEED, SHAKE = "ground.motion.speed_deg_s", "scene.motion.shake_deg"
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "lead_s"),
+    [
+        (MOVING, {SPEED: 60}, 0.17),
+        (MOVING, {SPEED: 120}, None),
+        (MOVING, {"display.frame_rate": 10}, 0.2),
+        (MOVING, {"display.frame_rate": 120}, 0.3),
+        (MOVING, {"effects.noise": 0.05}, 0.2),
+        (SHAKEN, {SHAKE: 3.2}, 0.2),
+    ],
+)
+def test_a_view_that_moves_does_not_hide_an_approach(
+    name: str, changes: dict[str, float], lead_s: float | None
+) -> None:
+    """The ground moves by 15 deg/s and is seen at 30 frames/s, if nothing else is said."""
+    protocol = stimulus.load_all(name, changes)[0]
+    params = parameters_of("opplod", "default")
+    found = []
+    for each in (params, params.replaced(steady_view=False)):
+        records = analyse(StimulusVideo(protocol, HEIGHT), [each], rmo=None)
+        found.append([record.time_s for record in records if record.alarms["opplod"]])
+    contact_s = contact_time(protocol)
+    assert contact_s
+    leads_s = [round(contact_s - times_s[0], 2) for times_s in found if times_s]
+    assert leads_s == ([lead_s] if lead_s else [])
+
+
 FAST = {  # controls with an alarm at other frame rates, as docs/time.md says
     ("default", 12): {"flickering-disk"},
     ("default", 20): {"rotating-bar/rotation-90", "rotating-bar/rotation--90"},
