@@ -5,6 +5,7 @@ OppLoD's preset ``default`` removes these effects before it judges motion (``doc
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections import deque
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -204,7 +205,7 @@ def view_motion(before: Grey, now: Grey) -> Motion | None:
     y, x = np.mgrid[: textured.shape[0], : textured.shape[1]] * _FLOW_CELL + (_FLOW_CELL - 1) / 2
     vectors = _cell_means(flow)[textured].astype(np.float64) @ (1, 1j)
     shift, factor = fitted_motion((x + 1j * y - middle)[textured], vectors)
-    turn = factor / abs(factor)
+    turn = cmath.rect(1, cmath.phase(factor))
     if abs(shift) + abs(turn - 1) * abs(middle) < _LEAST_MOTION_PX:
         return None
     seen = seen_from(before, _matrix(shift, factor, middle), np.zeros_like(before))
@@ -244,8 +245,14 @@ def fitted_motion(places: Complex, flow: Complex) -> tuple[complex, complex]:
 
 def _matrix(shift: complex, factor: complex, middle: complex) -> Motion:
     """Return the motion that multiplies places about the middle of the frame and shifts them."""
-    x, y = (part(shift + middle - factor * middle) for part in (np.real, np.imag))
-    return np.array([[factor.real, -factor.imag, x], [factor.imag, factor.real, y], [0, 0, 1]])
+    origin = shift + middle - factor * middle
+    return np.array(
+        [
+            [factor.real, -factor.imag, origin.real],
+            [factor.imag, factor.real, origin.imag],
+            [0, 0, 1],
+        ]
+    )
 
 
 def _cell_means(values: Any) -> NDArray[np.float32]:
