@@ -130,7 +130,7 @@ def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
     return none
 
 
-def _quantile(values: Map, share: float) -> float:
+def _quantile(values: NDArray[np.floating], share: float) -> float:
     """Return the value below which a share of the values lies, ten times faster than NumPy does."""
     ordered = np.sort(values, axis=None)
     return float(ordered[int(share * len(ordered))])

@@ -162,7 +162,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         more = 0  # lines of the legend, of long names and of doubts
         for curve, (x, before, sizes) in zip(curves, known, strict=True):
             fit = _line(curve.tuning, x, before)
-            above = top is not None and len(x) > 0 and 1000 * before.min() > top
+            above = top is not None and len(x) > 0 and bool(1000 * before.min() > top)
             label = _label(curve, fit, few=few, above=above)
             more += max(0, label.count("\n") - few)
             if fit:

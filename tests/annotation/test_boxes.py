@@ -61,7 +61,7 @@ def test_boxes_over_the_edge_are_cut(
     box: tuple[float, float, float, float], columns: tuple[int, int], rows: tuple[int, int]
 ) -> None:
     y, x = painted(drawn(box), PAINT).nonzero()
-    assert ((x.min(), x.max()), (y.min(), y.max())) == (columns, rows)
+    assert [x.min(), x.max(), y.min(), y.max()] == [*columns, *rows]
 
 
 @pytest.mark.parametrize("box", [(-300, -300, 100, 100), (500, 300, 10, 10)])

@@ -55,7 +55,8 @@ def test_an_alarm_at_one_frame_per_second_is_one_alarm_however_long() -> None:
 def test_the_alarms_at_all_levels_are_those_at_each_level_also_at_uneven_times() -> None:
     random = np.random.default_rng(4)
     even = clip([0.0, 0.0, 0.0, *np.round(9 * random.random(200))])
-    time_s = np.cumsum(random.choice([0.03, 0.3, 1.0, 1.2], len(even), p=[0.5, 0.4, 0.05, 0.05]))
+    steps_s = np.array([0.03, 0.3, 1.0, 1.2])
+    time_s = np.cumsum(random.choice(steps_s, len(even), p=[0.5, 0.4, 0.05, 0.05]))
     walk = np.abs(np.cumsum(random.normal(size=100))).round(1).tolist()
     walks = [clip(walk, rate=rate) for rate in (1, 3, 30)]
     most = []
