@@ -1,5 +1,6 @@
 # Each target sets up a private .venv by itself; it needs only Python 3.11 or later and make. A C
 # compiler makes the models faster. On Windows, run make in a POSIX shell such as Git Bash.
+# PYTHON=python3.13 names the Python; a .venv of another one is made anew.
 ifeq ($(OS),Windows_NT)
 PYTHON ?= python
 BIN := .venv/Scripts
@@ -12,8 +13,10 @@ CASES ?= 500
 SEED ?= 1
 BENCH ?=
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+base = $(shell exec 2>/dev/null; $(1) -c "import sys; print(sys.version, sys.base_prefix)")
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-failed test-slow test-lowest attack bench lint style types format docs dist clean
+.DELETE_ON_ERROR:
+.PHONY: help demo test test-failed test-slow test-lowest attack bench lint style types format docs dist clean another
 
 help:
 	@echo "make demo       install, run both detectors on a looming disk, plot, make a page"
@@ -28,8 +31,18 @@ help:
 	@echo "make dist       build and check the source archive and a wheel for each platform"
 	@echo "make bench      measure speed against references; see benchmarks/README.md"
 
-.venv/.ready: pyproject.toml hatch_build.py $(wildcard oppload_cli/*/*.[ch])
-	$(PYTHON) -m venv .venv
+# Without PYTHON, a .venv keeps its Python.
+ifneq ($(filter environment command,$(origin PYTHON)),)
+ifneq ($(call base,$(PYTHON)),$(call base,$(BIN)/python))
+.venv/pyvenv.cfg: another
+endif
+endif
+OLD := oppload needs Python 3.11 or later; name one, as in: make demo PYTHON=python3.13
+.venv/pyvenv.cfg:
+	@$(PYTHON) -c "import sys; sys.exit(None if sys.version_info >= (3, 11) else '$(OLD)')"
+	$(PYTHON) -m venv --clear .venv
+
+.venv/.ready: .venv/pyvenv.cfg pyproject.toml hatch_build.py $(wildcard oppload_cli/*/*.[ch])
 	$(PIP) --editable '.[test,lint]'
 	$(BIN)/python -m compileall -q oppload_cli stimuli
 	@touch $@
@@ -48,7 +61,7 @@ test-slow: .venv/.ready
 
 # Python 3.11 or 3.12: later ones have no NumPy 1.26.
 .venv-lowest/.ready: pyproject.toml .venv/.ready
-	$(PYTHON) -m venv .venv-lowest
+	$(BIN)/python -m venv --clear .venv-lowest
 	grep -oE '[a-z0-9-]+>=[0-9.]+' pyproject.toml | sed 's/>=/==/; s/$$/.*/' > .venv-lowest/constraints.txt
 	$(subst .venv,.venv-lowest,$(PIP)) --editable '.[test]' --constraint .venv-lowest/constraints.txt
 	@touch $@

@@ -1,0 +1,66 @@
+"""The Python that the targets of make use."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32" or not shutil.which("make"), reason="NOT TESTED: needs make"
+)
+
+MAKEFILE = Path(__file__).parents[1] / "Makefile"
+ANEW = "-m venv --clear .venv\n"
+OLD = "sys.version_info = (3, 10)"
+
+
+def stand_in(path: Path, answer: str) -> Path:
+    """Write a program that answers like a Python, or a version of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{answer}\n")
+    path.chmod(0o755)
+    return path
+
+
+def make(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["make", "-f", str(MAKEFILE), *words],
+        cwd=folder,
+        env={"PATH": os.environ["PATH"]},  # without the variables of a make that runs this test
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder whose .venv is complete."""
+    for name in ("pyproject.toml", "hatch_build.py", ".venv/pyvenv.cfg", ".venv/.ready"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    stand_in(tmp_path / ".venv/bin/python", "echo 3.12.1 /usr")
+    return tmp_path
+
+
+def test_a_venv_of_another_python_is_made_anew(folder: Path) -> None:
+    same = stand_in(folder / "same", "echo 3.12.1 /usr")
+    other = stand_in(folder / "other", "echo 3.13.0 /usr")
+    for words, anew in (((), False), ((f"PYTHON={same}",), False), ((f"PYTHON={other}",), True)):
+        done = make(folder, "--dry-run", "test", *words)
+        assert "-m pytest" in done.stdout
+        assert (ANEW in done.stdout, done.stderr) == (anew, "")
+
+
+def test_an_old_python_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    for name in ("pyproject.toml", "hatch_build.py"):
+        (tmp_path / name).touch()
+    old = stand_in(tmp_path / "old", f'exec {sys.executable} -c "import sys; {OLD}; $2"')
+    done = make(tmp_path, "demo", f"PYTHON={old}")
+    assert done.stderr.startswith("oppload needs Python 3.11 or later; name one, as in: ")
+    assert not (tmp_path / ".venv").exists()
