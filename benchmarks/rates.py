@@ -19,6 +19,7 @@ camera that jerks sees them, and counts the alarms at the floors of the package.
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -372,7 +373,7 @@ def _on_clips(manifest: Path) -> Iterator[str]:
             clips = [_seen(entry, detector, every, jerk_px) for entry in entries]
             draws = draws_of([clip.label.looming for clip in clips], 1)
             found = shipped(clips, detector.name, draws).outcomes
-            minutes = sum(clip.seconds(*clip.quiet) for clip in clips) / 60
+            minutes = math.fsum(clip.seconds(*clip.quiet) for clip in clips) / 60
             lead = f"{np.nanmedian(found.lead_s):.2f}" if np.nansum(found.detected) else ""
             yield (
                 f"| 1 of {every} | {jerk_px} | {detector.name} | "

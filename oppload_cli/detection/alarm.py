@@ -153,7 +153,7 @@ class Alarm:
         if above:
             self._above.append((time_s, time_s - before_s))
         # Evidence lasts from its first frame to its latest one: the step to the first is left out.
-        lasted_s = sum(lasted for _, lasted in islice(self._above, 1, None))
+        lasted_s = math.fsum(lasted for _, lasted in islice(self._above, 1, None))
         return bool(self._above) and lasted_s >= self.params.enough_s - _SAME_S
 
 

@@ -94,7 +94,7 @@ def write_evaluation(
 def printed_table(evaluation: Evaluation) -> Iterator[str]:
     """Yield the lines to print: detections and false alarms of each detector, with intervals."""
     found = {(one.detector, one.measure, one.condition): one for one in evaluation.measurements}
-    minutes = sum(clip.seconds(*clip.quiet) for clip in evaluation.clips) / 60
+    minutes = _quiet_minutes(evaluation)
     approaches = sum(clip.label.looming for clip in evaluation.clips)
     yield (
         f"approaches: {approaches}, clips without one: {len(evaluation.clips) - approaches}, "
@@ -158,6 +158,11 @@ def _by_kind(
             for name, label in labels.items()
         ]
         yield "  ".join([f"{kind:<{width}}", *cells])
+
+
+def _quiet_minutes(evaluation: Evaluation) -> float:
+    # The plain `sum` of floats rounds in another way since Python 3.12.
+    return math.fsum(clip.seconds(*clip.quiet) for clip in evaluation.clips) / 60
 
 
 def _value(one: Measurement | None) -> str:
@@ -235,7 +240,7 @@ def report_of(evaluation: Evaluation) -> dict[str, Any]:
             "none": sum(not clip.label.looming for clip in clips),
             "frames": sum(len(clip) for clip in clips),
             "boxed_frames": sum(len(clip.label.boxes) for clip in clips),
-            "minutes_without_approach": sum(clip.seconds(*clip.quiet) for clip in clips) / 60,
+            "minutes_without_approach": _quiet_minutes(evaluation),
         },
         "faults": evaluation.faults,
         "settings": {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from statistics import median
+from statistics import fmean, median
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import cv2
@@ -250,7 +250,7 @@ class Repeats:
         self._lasted_s.append(lasted_s)
         if not self.is_cadence:
             return time_s
-        even_s = self._even_s + sum(self._lasted_s) / len(self._lasted_s)
+        even_s = self._even_s + fmean(self._lasted_s)
         frame_s, late_s = time_s - self._before_s, time_s - even_s
         even_s += _PULL * (max(late_s - frame_s, 0) + min(late_s, 0))
         earliest_s = max(time_s - 2 * frame_s, self._shown_s + frame_s / 2)

@@ -188,7 +188,8 @@ def _across(offset: Vector, heading: Vector) -> Vector:
 
 
 def _product(first: Vector, second: Vector) -> float:
-    return sum(a * b for a, b in zip(first, second, strict=True))
+    # The plain `sum` of floats rounds in another way since Python 3.12.
+    return math.fsum(a * b for a, b in zip(first, second, strict=True))
 
 
 def _scaled(vector: Vector, factor: float) -> Vector:

@@ -89,7 +89,8 @@ class Optics:
         across = math.hypot(
             a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
         )
-        return math.degrees(math.atan2(across, sum(p * q for p, q in zip(a, b, strict=True))))
+        ahead = math.fsum(p * q for p, q in zip(a, b, strict=True))
+        return math.degrees(math.atan2(across, ahead))
 
     def view(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
@@ -135,8 +136,9 @@ class _Attention:
             float((left + down)[(dy >= 0) & (dx < 0)].sum()),
             float((right + down)[((dy > 0) & (dx >= 0)) | middle].sum()),
         )
-        self.sums.append(sum(self.quadrants) if all(self.quadrants) else 0.0)
-        self.outputs.append(sum(self.sums))
+        # The plain `sum` of floats rounds in another way since Python 3.12.
+        self.sums.append(math.fsum(self.quadrants) if all(self.quadrants) else 0.0)
+        self.outputs.append(math.fsum(self.sums))
 
 
 # ---- The detector ----------------------------------------------------------------------------
@@ -285,7 +287,7 @@ class Mlplc2(ChangeDetector):
         for attention in list(self._fields):
             attention.take(y, x, net)
             old = self._frames > attention.birth + _SUMMED_FRAMES
-            if old and sum(attention.outputs) < _KEPT_ABOVE and len(self._fields) > 1:
+            if old and math.fsum(attention.outputs) < _KEPT_ABOVE and len(self._fields) > 1:
                 self._fields.remove(attention)
         largest_motion = 0.0, 0, 0
         if magnitude.any():
