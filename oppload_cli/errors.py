@@ -124,10 +124,11 @@ def shortage(error: BaseException | None) -> str:
                 "the memory is short; free some, raise its limit (ulimit -v), or run less at once "
                 "(--jobs)"
             )
+        # A thread needs memory too, and the system gives the same error if there is none.
         if number == errno.EAGAIN or "start new thread" in text:
             return (
                 "no further process or thread can be started; end some, raise their limit "
-                "(ulimit -u), or run less at once (--jobs)"
+                "(ulimit -u) or that of the memory (ulimit -v), or run less at once (--jobs)"
             )
         if number in {errno.EMFILE, errno.ENFILE}:
             return (

@@ -5,8 +5,10 @@ The same frames always give the same bytes.
 
 from __future__ import annotations
 
+import errno
 import io
 import math
+import os
 import zipfile
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -161,7 +163,10 @@ class _Encoder:
             yield
         except av.error.FFmpegError as error:
             self._sink.check()
-            raise OSError(error.errno, error.strerror) from error
+            number, reason = error.errno, error.strerror
+            if isinstance(error, av.error.ExternalError):  # of x264: no memory, or no thread
+                number, reason = errno.EAGAIN, os.strerror(errno.EAGAIN)
+            raise OSError(number, reason) from error
         self._sink.check()
 
 

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import av
 import numpy as np
 import pytest
 
+from oppload_cli.errors import ShortageError
 from oppload_cli.files.atomic import PartFile
 from oppload_cli.video.writers import Recording
 
@@ -106,6 +108,24 @@ def test_the_same_frames_give_the_same_bytes(tmp_path: Path) -> None:
     times = [t / 30 for t in range(60)]
     one, other = (record(tmp_path / name, times) for name in ("a.mp4", "b.mp4"))
     assert one.read_bytes() == other.read_bytes()
+
+
+def test_an_encoder_without_memory_or_threads_is_a_shortage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_frame: object) -> None:
+        raise av.error.ExternalError(1, "Generic error in an external library")
+
+    def encode(recording: Any, frame: av.VideoFrame, ticks: int) -> None:
+        recording._stream = SimpleNamespace(encode=refuse)
+        plain(recording, frame, ticks)
+
+    plain = Recording.encode
+    monkeypatch.setattr(Recording, "encode", encode)
+    short = "a.mp4: cannot be written, because no further process or thread can be started"
+    with pytest.raises(ShortageError, match=short):
+        record(tmp_path / "a.mp4", [0.0])
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("end", "message"), [("finish", "End of file"), ("abandon", "abandoned")])
