@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from oppload_cli.cli.options import settings_options
+from oppload_cli.errors import printable
 from oppload_cli.models.presets import NATIVE
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def config(**chosen: Any) -> None:
     from oppload_cli.pipeline.settings import resolve
 
     for line in _lines(resolve(**chosen).with_all_detectors()):
-        click.echo(line)
+        click.echo(printable(line))
 
 
 def _lines(settings: Settings) -> Iterator[str]:

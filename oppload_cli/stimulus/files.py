@@ -271,7 +271,8 @@ def write(
             if progress is not None:
                 progress(1)
     try:
-        write_atomic(made.truth, (text.encode() for text in ground_truth_text(protocol)))
+        texts = ground_truth_text(protocol)  # with the name of a file, which may be of any bytes
+        write_atomic(made.truth, (text.encode(errors="backslashreplace") for text in texts))
         if made.preview is not None:
             times = [protocol.time_of(index) for index in sorted(shown)]
             write_atomic(made.preview, png_bytes(contact_sheet(previewed, times_s=times)))

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+_ERRORS = "surrogateescape"  # as the command sets it
+
+
 class Done(NamedTuple):
     """What a command returned and printed."""
 
@@ -24,7 +27,7 @@ class Done(NamedTuple):
 
 def oppload(*arguments: str | Path, cwd: Path | str = ".") -> Done:
     """Run the command as `tests.cli.process.oppload` does, which starts a process for it."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="") for _ in range(2))
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", _ERRORS, newline="") for _ in range(2))
     with redirect_stdout(out), redirect_stderr(err), chdir(cwd), pytest.raises(SystemExit) as ended:
         main([str(argument) for argument in arguments])
     texts = []

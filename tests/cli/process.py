@@ -26,6 +26,7 @@ def python(
         [sys.executable, "-c", code, *map(str, arguments)],
         capture_output=True,
         text=True,
+        errors="surrogateescape",
         check=False,
         cwd=cwd,
         timeout=120,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+import pytest
 
 from oppload_cli.pipeline.settings import resolve
 from tests.cli.inside import oppload
@@ -14,8 +16,6 @@ from tests.cli.process import ENTRY, HEAVY, loaded, python
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    import pytest
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -51,6 +51,17 @@ def test_printed_settings_can_be_given_back(tmp_path: Path) -> None:
     again = oppload("config", "--config", path).stdout
     bare = [line.partition("  #")[0] for line in printed.splitlines()]
     assert [line.partition("  #")[0] for line in again.splitlines()] == bare
+
+
+def test_printed_settings_name_a_file_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "two\nlines.toml"
+    try:
+        path.write_text("height = 60")
+    except OSError:
+        pytest.skip("NOT TESTED: this file system takes no such name")
+    printed = oppload("config", "--config", path).stdout
+    assert r"two\nlines.toml" in printed
+    tomllib.loads(printed)
 
 
 def test_printed_angles_keep_all_digits(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import pytest
 
 from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile
+from oppload_cli.stimulus import find
 from tests.cli.inside import Done, oppload
 from tests.cli.process import ENTRY, InTurn, in_turn, python
 from tests.media import grey_frames, write_film, write_video
@@ -366,6 +367,30 @@ def test_a_name_that_is_no_utf_8(clip: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert r"\xff\xfe" in done.stderr or r"\udcff" in done.stderr
     assert len(list((tmp_path / "out").iterdir())) == 4
+    # As in de_DE.UTF-8; in C.UTF-8, Python prints any bytes by itself.
+    table = next((tmp_path / "out").glob("*.csv"))
+    done = python(ENTRY, "report", table, PYTHONIOENCODING="utf-8:strict")
+    page = table.with_name(table.name.replace("frames.csv", "report.html"))
+    assert (done.returncode, done.stdout) == (0, f"{page}\n"), done.stderr
+
+
+def test_a_name_that_standard_output_cannot_show(clip: Path, tmp_path: Path) -> None:
+    # As of `oppload stimuli generate > list` in a console of Windows with another code page.
+    words = "stimuli", "generate", "controls/appearing-disk", "-o", tmp_path / "Θ"
+    done = python(ENTRY, *words, PYTHONIOENCODING="latin-1:strict")
+    assert (done.returncode, r"\u0398" in done.stdout) == (0, True), done.stderr
+
+
+def test_a_stimulus_whose_name_is_no_utf_8(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"\xff.toml")
+    try:
+        shutil.copy(find("controls/appearing-disk")[0].path, path)
+    except OSError:
+        pytest.skip("NOT TESTED: this file system takes no such name")
+    done = oppload("stimuli", "generate", path, "-o", tmp_path, "--format", "npz")
+    assert done.returncode == 0, done.stderr
+    truth = json.loads((tmp_path / f"{path.stem}.stimulus.json").read_text())
+    assert truth["name"] == path.stem
 
 
 def test_two_inputs_with_one_stem_and_one_input_twice(clip: Path, tmp_path: Path) -> None:

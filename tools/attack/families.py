@@ -203,6 +203,8 @@ def _make_special(path: Path, kind: str, target: str | Path) -> None:
 @_family(8)
 def names(case: Case, random: Random, material: Material) -> None:
     """Files with hostile names, and commands on their results."""
+    # As in most languages; in the language C, Python itself prints any bytes.
+    case.environment = {"PYTHONIOENCODING": "utf-8:strict"}
     name = _hostile_name(random)
     word = os.fsdecode(name)
     with suppress(OSError):
