@@ -8,6 +8,7 @@ import io
 import os
 import re
 import sys
+import unicodedata
 from collections import Counter, defaultdict
 from contextlib import suppress
 from dataclasses import dataclass
@@ -136,14 +137,19 @@ def planned(named: Iterable[str | Input | Failure], *, recursive: bool = False) 
         failures.append(Failure(folder, "", ExitCode.NOTHING_READ, message))
     not_videos = set(chain.from_iterable(single_images.values()))
     names = [name for name in names if name not in not_videos]
-    holders: dict[str, str] = {}  # the input that has a stem, by the stem in lower case
+    holders: dict[str, str] = {}  # the input that has a stem, by `_simplest`
     inputs: list[Input] = []
     clashing: list[Input] = []
     for name in names:
-        holder = holders.setdefault(stems[name].casefold(), name)
+        holder = holders.setdefault(_simplest(stems[name]), name)
         (inputs if holder == name else clashing).append(Input(name, stems[name]))
     failures += [_same_stem(*each, holders) for each in clashing]
     return Plan(inputs, list(dict.fromkeys(failures)))
+
+
+def _simplest(stem: str) -> str:
+    """Return one text for stems that some system takes for one: A and a, or é and its parts."""
+    return unicodedata.normalize("NFC", stem.casefold())
 
 
 def _same_stem(name: str, stem: str, holders: dict[str, str]) -> Failure:
@@ -152,11 +158,11 @@ def _same_stem(name: str, stem: str, holders: dict[str, str]) -> Failure:
     The input gets a new stem, which is added to `holders`. Only a run from ``failures.csv`` uses
     the new stem: which of two inputs comes second may change if the user names further inputs.
     """
-    holder = holders[stem.casefold()]
+    holder = holders[_simplest(stem)]
     new = next(
         each
         for each in other_stems(name, stem)
-        if holders.setdefault(each.casefold(), name) == name
+        if holders.setdefault(_simplest(each), name) == name
     )
     in_other_folder = Path(name).parent != Path(holder).parent and os.path.lexists(name)
     message = (
@@ -244,7 +250,7 @@ def _failed_before(source: str, text: str) -> Iterator[Input | Failure]:
             name, stem = row["input"] or "", row["stem"] or ""
             fault = fault_of_stem(stem) if stem else ""
             fault = fault and f"the stem '{stem}' is no plain name, as it {fault}"
-            holder = holders.setdefault(stem.casefold(), name)
+            holder = holders.setdefault(_simplest(stem), name)
             if stem and holder != name:
                 fault = f"the stem '{stem}' is already the stem of {holder}"
             if not name:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from oppload_cli.batch.plan import FAILURE_COLUMNS, Failure, read_list
+from oppload_cli.batch.plan import FAILURE_COLUMNS, Failure, Input, read_list
 from oppload_cli.errors import printable
 from oppload_cli.files.reading import fault_of_stem
 from oppload_cli.video.inputs import result_stem
@@ -88,6 +88,9 @@ def test_two_inputs_never_share_a_stem(tmp_path: Path) -> None:
     assert first == third == ("a.avi", "x")
     assert isinstance(second, Failure)
     assert "row 3: the stem 'X' is already the stem of a.avi" in second.message
+    # macOS takes both spellings for one name.
+    path = listed(tmp_path / "b.csv", [("a.avi", "\xe9"), ("b.avi", "e\u0301")])
+    assert [type(each) for each in read_list(str(path))] == [Input, Failure]
 
 
 def test_the_stem_of_any_input_may_be_in_a_list() -> None:
