@@ -234,10 +234,7 @@ def _failure(error: BaseException) -> int:
         say(f"oppload: interrupted{': ' if kept else ''}{kept}")
         return ExitCode.INTERRUPTED
     if isinstance(error, click.ClickException):
-        if isinstance(error, click.NoSuchOption) and error.option_name == "--load":
-            place = "--load stands before the command: oppload --load FILE.py run ..."
-            error = click.UsageError(place, error.ctx)
-        error.show()
+        _with_hint(error).show()
         return ExitCode.USAGE
     if isinstance(error, OpploadError):
         say(f"oppload: {error}")
@@ -247,6 +244,21 @@ def _failure(error: BaseException) -> int:
         f"output of OPPLOAD_DEBUG=1 and of 'oppload info'"
     )
     return ExitCode.BUG
+
+
+def _with_hint(error: click.ClickException) -> click.ClickException:
+    """Return an error that says what to do, in place of one of an unknown option."""
+    if not isinstance(error, click.NoSuchOption):
+        return error
+    if error.option_name == "--load":
+        place = "--load stands before the command: oppload --load FILE.py run ..."
+        return click.UsageError(place, error.ctx)
+    for word in sys.argv[1:]:
+        if word.startswith("-") and os.path.lexists(word):
+            name = printable(word)
+            hint = f"'{name}' begins with a dash, like an option; write ./{name}"
+            return click.UsageError(hint, error.ctx)
+    return error
 
 
 def _interruption(error: BaseException | None) -> str:
@@ -259,7 +271,9 @@ def _interruption(error: BaseException | None) -> str:
 def _explained(error: BaseException) -> BaseException:
     """Return an OpploadError in place of an error of a disk, a folder or the memory."""
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-        return OutputError("the output cannot be written (no space left on device); free some")
+        return OutputError(
+            "standard output or a file cannot be written (no space left on device); free some space"
+        )
     if isinstance(error, OSError) and "MPLCONFIGDIR" in str(error):  # while matplotlib is loaded
         return OutputError(
             "matplotlib finds no folder that it can write for its cache; set the environment "

@@ -419,7 +419,7 @@ def _opened(build: str) -> ctypes.CDLL | str:
     """Return the library of a build, or why it does not load."""
     path = _path(build)
     if not path.exists():
-        return "this installation has no compiled loops; install a wheel, or with a C compiler"
+        return "this installation has no compiled loops; install a wheel, or build with a compiler"
     if _is_damaged(path):
         return f"{path} is damaged; install oppload again"
     try:

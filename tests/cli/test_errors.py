@@ -237,6 +237,14 @@ def test_messages_that_nobody_reads_stop_no_work(
     assert list(tmp_path.iterdir())
 
 
+def test_a_file_that_looks_like_an_option(clip: Path, tmp_path: Path) -> None:
+    (tmp_path / "-dash.avi").write_bytes(clip.read_bytes())
+    done = process.oppload("run", "-dash.avi", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "'-dash.avi' begins with a dash, like an option; write ./-dash.avi" in done.stderr
+    assert "begins with a dash" not in process.oppload("run", "-dish.avi", cwd=tmp_path).stderr
+
+
 def test_a_disk_that_is_full(clip: Path) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
@@ -245,6 +253,7 @@ def test_a_disk_that_is_full(clip: Path) -> None:
     assert done.returncodes == [2, 2, 2]
     lines = done.stderr.splitlines()
     assert ["no space left on device" in line for line in lines] == [True, True, True]
+    assert ["standard output" in line for line in lines] == [True, True, True]
 
 
 SHORT = ("--change", "timing.motion_s=0.1")
