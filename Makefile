@@ -37,9 +37,9 @@ ifneq ($(call base,$(PYTHON)),$(call base,$(BIN)/python))
 .venv/pyvenv.cfg: another
 endif
 endif
-OLD := oppload needs Python 3.11 or later; name one, as in: make demo PYTHON=python3.13
+TOO_OLD := oppload needs Python 3.11 or later; name one, as in: make demo PYTHON=python3.13
 .venv/pyvenv.cfg:
-	@$(PYTHON) -c "import sys; sys.exit(None if sys.version_info >= (3, 11) else '$(OLD)')"
+	@$(PYTHON) -c "import sys; sys.exit(None if sys.version_info >= (3, 11) else '$(TOO_OLD)')"
 	$(PYTHON) -m venv --clear .venv
 
 .venv/.ready: .venv/pyvenv.cfg pyproject.toml hatch_build.py $(wildcard oppload_cli/*/*.[ch])
@@ -59,8 +59,10 @@ test-failed: .venv/.ready
 test-slow: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses $(JOBS) -m slow
 
-# Python 3.11 or 3.12: later ones have no NumPy 1.26.
+TOO_NEW := the lowest versions need Python 3.11 or 3.12; name one: make test-lowest PYTHON=python3.12
+# Later versions of Python have no NumPy 1.26.
 .venv-lowest/.ready: pyproject.toml .venv/.ready
+	@$(BIN)/python -c "import sys; sys.exit(None if sys.version_info < (3, 13) else '$(TOO_NEW)')"
 	$(BIN)/python -m venv --clear .venv-lowest
 	grep -oE '[a-z0-9-]+>=[0-9.]+' pyproject.toml | sed 's/>=/==/; s/$$/.*/' > .venv-lowest/constraints.txt
 	$(subst .venv,.venv-lowest,$(PIP)) --editable '.[test]' --constraint .venv-lowest/constraints.txt
@@ -105,4 +107,4 @@ dist: .venv/.dist
 	$(BIN)/python -m tools.dist
 
 clean:
-	rm -rf .venv build demo attack dist docs/_build docs/reference/api .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv .venv-lowest build demo attack dist docs/_build docs/reference/api .pytest_cache .mypy_cache .ruff_cache

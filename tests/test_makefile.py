@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(
 
 MAKEFILE = Path(__file__).parents[1] / "Makefile"
 ANEW = "-m venv --clear .venv\n"
-OLD = "sys.version_info = (3, 10)"
+VERSION = 'exec {} -c "import sys; sys.version_info = {}; $2"'
 
 
 def stand_in(path: Path, answer: str) -> Path:
@@ -60,7 +60,14 @@ def test_a_venv_of_another_python_is_made_anew(folder: Path) -> None:
 def test_an_old_python_is_refused_before_anything_is_made(tmp_path: Path) -> None:
     for name in ("pyproject.toml", "hatch_build.py"):
         (tmp_path / name).touch()
-    old = stand_in(tmp_path / "old", f'exec {sys.executable} -c "import sys; {OLD}; $2"')
+    old = stand_in(tmp_path / "old", VERSION.format(sys.executable, (3, 10)))
     done = make(tmp_path, "demo", f"PYTHON={old}")
     assert done.stderr.startswith("oppload needs Python 3.11 or later; name one, as in: ")
     assert not (tmp_path / ".venv").exists()
+
+
+def test_the_lowest_versions_refuse_a_python_that_is_too_new_for_them(folder: Path) -> None:
+    stand_in(folder / ".venv/bin/python", VERSION.format(sys.executable, (3, 13)))
+    done = make(folder, "test-lowest")
+    assert done.stderr.startswith("the lowest versions need Python 3.11 or 3.12; name one: ")
+    assert not (folder / ".venv-lowest").exists()
