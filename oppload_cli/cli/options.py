@@ -259,7 +259,7 @@ def settings_options(
             metavar="NAME[:VARIANT|PRESET]",
             help="Detectors to run, as A,B or given again; all runs all. 'oppload models' lists "
             "the names. NAME:PRESET also chooses the preset, NAME:VARIANT a variant.  "
-            "[default: opplod,dlgmd]",
+            "[default: the detector of the paper and its baseline]",
         ),
         click.option(
             "--preset",
