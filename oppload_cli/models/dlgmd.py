@@ -125,7 +125,7 @@ class Dlgmd(Detector):
     reference = "Zhao et al., D-LGMD, IEEE Trans. Neural Networks and Learning Systems"
     answers_to = "fast and growing edges, of any contrast; also fast translation"
     made_for = "600 px high, 30 frames/s"
-    cost_ms = 0.7
+    cost_ms = 0.4
     meaning = "D-LGMD: DPC and grouping"
     unit = "mean of G"
     response_column = "0 to 1", "mean over the frame of G, the grouped map of D-LGMD"

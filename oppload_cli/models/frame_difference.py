@@ -46,7 +46,7 @@ class FrameDifference(Detector):
     reference = "defined here"
     answers_to = "every change of luminance"
     made_for = "any size and rate"
-    cost_ms = 0.06
+    cost_ms = 0.04
     meaning = "frame difference: mean of P over the frame"
     unit = "mean of P"
     response_column = "0 to 1", "mean over the frame of P, the absolute luminance change"

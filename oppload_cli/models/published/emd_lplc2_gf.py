@@ -145,7 +145,7 @@ class EmdLplc2Gf(ChangeDetector):
         "motion outward on all four sides; not recession, translation, pans, noise, dimming"
     )
     made_for = "200 x 150 px, 100 frames/s"
-    cost_ms = 1.8
+    cost_ms = 0.7
     least_size = (8, 8)
     responses = EmdLplc2GfResponse
     parameters = EmdLplc2GfParams

@@ -136,7 +136,7 @@ class Lgmd1Group(_Persistent):
     reference = "Yue and Rind, with grouping, as coded by Fu for pLGMD"
     answers_to = "moving edges, dark or bright, in clusters, and places that edges have passed"
     made_for = "any size, 30 frames/s"
-    cost_ms = 1.0
+    cost_ms = 0.4
 
     params: Lgmd1GroupParams
 
@@ -230,7 +230,7 @@ class Plgmd(_Persistent):
     reference = "Fu, pLGMD"
     answers_to = "moving edges in clusters, and places that edges have passed; hardly weak motion"
     made_for = "any size, 30 frames/s"
-    cost_ms = 3.0
+    cost_ms = 1.5
 
     params: PlgmdParams
 

@@ -94,7 +94,7 @@ class Lgmd1Single(ChangeDetector):
     reference = "Yue and Rind, IEEE Trans. Neural Networks, as coded by Fu"
     answers_to = "edges that brighten, until just before contact; not dark objects"
     made_for = "any size, 30 frames/s"
-    cost_ms = 0.6
+    cost_ms = 0.4
 
     params: Lgmd1SingleParams
 

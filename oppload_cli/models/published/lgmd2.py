@@ -92,7 +92,7 @@ class Lgmd2(ChangeDetector):
     reference = "Fu, Hu, Peng, Rind and Yue, IEEE Trans. Cybernetics"
     answers_to = "edges that darken: dark objects that approach, not bright ones"
     made_for = "99 x 72 to 432 x 240 px, 30 frames/s"
-    cost_ms = 0.9
+    cost_ms = 0.4
 
     params: Lgmd2Params
 

@@ -75,7 +75,7 @@ class LgmdContrast(ChangeDetector):
     reference = "Fu and Li, harmonizing motion and contrast vision"
     answers_to = "changes over areas, at any contrast; also flashes"
     made_for = "any size and rate"
-    cost_ms = 2.0
+    cost_ms = 0.9
     warm_up = 0
 
     params: LgmdContrastParams

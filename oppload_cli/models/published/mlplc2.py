@@ -189,7 +189,7 @@ class Mlplc2(ChangeDetector):
     reference = "Liu and Fu 2025"
     answers_to = "motion outward about places of large motion; drifting texture too"
     made_for = "fields of 150 px, 30 frames/s"
-    cost_ms = 2.1
+    cost_ms = 0.8
     least_size = (15, 15)
     responses = Mlplc2Response
     parameters = Mlplc2Params
