@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.compute.loops import with_twin
-from oppload_cli.models.dpc import smaller
+from oppload_cli.models.dpc import grey_levels, smaller
 from oppload_cli.motion.flow import SHORTEST_SIDE, inverse_search
 
 if TYPE_CHECKING:
@@ -178,7 +178,8 @@ class SteadyView:
         frame into its place in the first one.
         """
         reduction = max(1, round(min(luma.shape) / _FLOW_SIDE))
-        now = np.asarray(cv2.convertScaleAbs(smaller(luma, reduction), alpha=255.0), np.uint8)
+        small = smaller(luma, reduction)
+        now = grey_levels(small, small.shape)
         view: Motion = np.eye(3)
         if self._latest:
             before, view = self._latest[-min(len(self._latest), max(1, round(1 / elapsed)))]
@@ -255,7 +256,7 @@ def _matrix(shift: complex, factor: complex, middle: complex) -> Motion:
     )
 
 
-def _cell_means(values: Any) -> NDArray[np.float32]:
+def _cell_means(values: NDArray[Any]) -> NDArray[np.float32]:
     rows, columns = (side // _FLOW_CELL for side in values.shape[:2])
     part = values[: rows * _FLOW_CELL, : columns * _FLOW_CELL]
     return np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
