@@ -304,6 +304,7 @@ class PooledJudgement(CellJudgement):
         params = self._params
         self._persistent = np.zeros((2, *self.maps.responses.shape), np.float32)
         self._moving = 0.0  # intervals with R above 0
+        self._factor = 1.0  # of the adaptation
         # The largest R of the latest frames, without persistence, with their times in intervals.
         self._latest: deque[tuple[float, float]] = deque([(0.0, 0.0)])
         self._background = Background(
@@ -444,13 +445,15 @@ class PooledJudgement(CellJudgement):
     def _adaptation(self, best: float, photoreceptors: Photoreceptors) -> float:
         """Return ``min(1, level / B)``, the factor of R, B being the background of the largest R.
 
-        The factor is below 1 in scenes full of opponent motion (``docs/presets.md``).
+        The factor is below 1 in scenes full of opponent motion (``docs/presets.md``). Frames at
+        rest are no background, and keep the factor of the frame before.
         """
-        if not best or photoreceptors.means[0] < _STILL:  # frames at rest are no background
-            return 1.0
-        self._moving += photoreceptors.elapsed
-        background = self._background.step(best, self._moving)
-        return min(1.0, self._params.adaptation_level / background) if background else 1.0
+        if best and photoreceptors.means[0] >= _STILL:
+            self._moving += photoreceptors.elapsed
+            background = self._background.step(best, self._moving)
+            level = self._params.adaptation_level
+            self._factor = min(1.0, level / background) if background else 1.0
+        return self._factor
 
 
 # ---- The paper to the letter ---------------------------------------------------------------
