@@ -1,6 +1,7 @@
 """Effects of cameras: light that flickers, a view that moves, bars, edges of the frame.
 
-OppLoD's preset ``default`` removes these effects before it judges motion (``docs/presets.md``).
+OppLoD's preset ``default`` removes these effects before it judges motion
+(``docs/default-equations.md``).
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class SteadyLight:
     lasting : float
         Time constant in intervals with which a lasting change of the light passes, above 0.
 
-    Source: ``docs/presets.md``.
+    Source: ``docs/default-equations.md``.
     """
 
     def __init__(self, lasting: float) -> None:
@@ -161,7 +162,7 @@ class SteadyView:
     change of most cells, the shift and the turn are the motion of the view. The growth is not: an
     object that fills the picture grows too.
 
-    Source: ``docs/presets.md``; Kroeger et al. 2016 for the flow (dense inverse search).
+    Source: ``docs/default-equations.md``; for the flow (dense inverse search) Kroeger et al. 2016.
     """
 
     def __init__(self) -> None:
@@ -401,7 +402,7 @@ def leave_out_entering(
     bars : Widths
         Bars beside the picture; their edges count as edges of the frame.
 
-    Source: ``docs/presets.md``.
+    Source: ``docs/default-equations.md``.
     """
     height, width = change.shape
     picture = np.s_[bars.top : height - bars.bottom, bars.left : width - bars.right]

@@ -309,7 +309,7 @@ def smaller(luma: Map, reduction: int) -> Map:
 
     `reduction` is the side of the squares in pixels. The result has the shape (height // reduction,
     width // reduction), each at least 1: rows and columns at the end that do not fill a square are
-    left out. Source: ``docs/presets.md``.
+    left out. Source: ``docs/default-equations.md``.
     """
     height, width = (max(1, length // reduction) for length in luma.shape)
     squares = luma[: reduction * height, : reduction * width]

@@ -128,7 +128,7 @@ def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
     -------
     ndarray of float32, shape (2 reach + 1, 2 reach + 1)
         By row and column of u: 1 in the cone around u_phi (outward), -w_p in the cone around
-        -u_phi (inward), else 0. The cone is the "outward cone" of ``docs/presets.md``.
+        -u_phi (inward), else 0. The cone is in ``docs/default-equations.md``.
     """
     # For these directions both components of u_phi, times a common factor, are -1, 0 or 1.
     right = round(math.cos(math.radians(axis)) * math.sqrt(2))
@@ -184,7 +184,7 @@ def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
         Least history, both one and two intervals ago, as a share of the largest present change in
         the cell and its neighbours.
 
-    Source: ``docs/time.md``.
+    Source: ``docs/default-equations.md``, section 7.
     """
     now, *before = changes
     needed = np.float32(least) * cv2.dilate(now, _NEIGHBOURS)
@@ -445,8 +445,8 @@ class PooledJudgement(CellJudgement):
     def _adaptation(self, best: float, photoreceptors: Photoreceptors) -> float:
         """Return ``min(1, level / B)``, the factor of R, B being the background of the largest R.
 
-        The factor is below 1 in scenes full of opponent motion (``docs/presets.md``). Frames at
-        rest are no background, and keep the factor of the frame before.
+        The factor is below 1 in scenes full of opponent motion. Frames at rest are no background,
+        and keep the factor of the frame before (``docs/default-equations.md``).
         """
         if best and photoreceptors.means[0] >= _STILL:
             self._moving += photoreceptors.elapsed

@@ -1,4 +1,4 @@
-"""Preset `default` on complete scenes."""
+"""Preset `default` agrees with its equations (``docs/default-equations.md``)."""
 
 from __future__ import annotations
 
@@ -7,16 +7,25 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
 from oppload_cli.models.opplod import Opplod
-from tests.detection.scenes import looming_over
+from tests.detection.scenes import looming_over, shaken
 from tests.media import texture
+from tests.models import default_reference
 from tests.presets import DEFAULT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tests.media import Luma
+
+
+@cache
+def shaking() -> list[Luma]:
+    """A disk that approaches before a texture; the camera shakes."""
+    ground = shaken(0.2 + 0.6 * texture(240, 240, 1), 24, 3, seed=2)
+    return looming_over([np.asarray(each, np.float32) for each in ground])
 
 
 @cache
@@ -36,7 +45,7 @@ def flickering() -> list[Luma]:
     return [*([film[0]] * 4), *film, *still]
 
 
-SCENES = {"flickering": flickering}
+SCENES = {"shaking": shaking, "flickering": flickering}
 
 
 def of_the_package(scene: str, **changes: Any) -> NDArray[np.float64]:
@@ -44,6 +53,36 @@ def of_the_package(scene: str, **changes: Any) -> NDArray[np.float64]:
     model = Opplod((240, 240), DEFAULT.replaced(**changes))
     answers = [model.step(frame) for frame in SCENES[scene]()]
     return np.array([answer.opponency if answer else 0.0 for answer in answers])
+
+
+@cache
+def of_the_equations(scene: str) -> NDArray[np.float64]:
+    """R of each frame."""
+    return np.array(default_reference.responses(SCENES[scene]()))
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_responses_agree_with_the_equations(scene: str) -> None:
+    expected = of_the_equations(scene)
+    np.testing.assert_allclose(of_the_package(scene), expected, atol=1e-4 * expected.max())
+
+
+@pytest.mark.once
+@pytest.mark.parametrize(
+    ("scene", "without"),
+    [
+        ("shaking", {"steady_view": False}),
+        ("shaking", {"entering": 0}),
+        ("shaking", {"adaptation_level": 0}),
+        ("flickering", {"light_s": 0}),
+        ("flickering", {"history": 0}),
+        ("flickering", {"adaptation_level": 0}),
+        ("flickering", {"border": 0, "entering": 0}),
+    ],
+)
+def test_the_scenes_show_what_each_part_does(scene: str, without: dict[str, Any]) -> None:
+    usual = of_the_package(scene)
+    assert np.abs(of_the_package(scene, **without) - usual).max() > 5e-3 * usual.max()
 
 
 def test_a_scene_that_comes_to_rest_does_not_raise_the_response() -> None:
