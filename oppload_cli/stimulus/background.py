@@ -50,9 +50,8 @@ _CLEAR_M = 80.0  # haze hides 63 % of a wall at this distance
 def background_of(protocol: Protocol) -> _Constant | Drawn | _Video:
     """Return the background of a protocol.
 
-    Its methods `look` and `picture` take a time at which the shutter is open, and the time of the
-    frame, in seconds of the clip. `look` returns the values that the picture depends on, `picture`
-    a new picture, float32 (h, w), luminance 0 to 1.
+    Its method `picture` takes a time at which the shutter is open, and the time of the frame, in
+    seconds of the clip. It returns a new picture, float32 (h, w), luminance 0 to 1.
 
     Raises
     ------
@@ -78,9 +77,6 @@ class _Constant:
     def __init__(self, picture: Picture) -> None:
         self._picture = picture
 
-    def look(self, _time: float, _frame_s: float) -> object:
-        return None
-
     def picture(self, _time: float, _frame_s: float) -> Picture:
         return self._picture.copy()
 
@@ -93,7 +89,7 @@ class Drawn:
         self._shape = protocol.display.height, protocol.display.width
         self._last: tuple[object, Picture] | None = None
 
-    def look(self, time: float, _frame_s: float) -> tuple[_Surroundings, View]:
+    def seen_at(self, time: float) -> tuple[_Surroundings, View]:
         """Return the surroundings and the view of the camera at a time."""
         protocol = self._protocol
         cut = protocol.scene.cut_s
@@ -102,12 +98,11 @@ class Drawn:
         kind = str(protocol.scene.background)
         return _surroundings(kind, seed, camera_of(protocol).height_m), view_of(protocol, time)
 
-    def picture(self, time: float, frame_s: float) -> Picture:
-        """Return a new picture, float32 (h, w), luminance 0 to 1."""
-        look = self.look(time, frame_s)
-        if self._last is None or self._last[0] != look:
-            place, view = look
-            self._last = look, place.picture(view, *self._shape)
+    def picture(self, time: float, _frame_s: float) -> Picture:
+        """Return a new picture; one of a camera that has not moved since is drawn only once."""
+        place, view = seen = self.seen_at(time)
+        if self._last is None or self._last[0] != seen:
+            self._last = seen, place.picture(view, *self._shape)
         return self._last[1].copy()
 
 
@@ -154,17 +149,11 @@ class _Video:
                 f"at {last_s:.3g} s; shorten timing, or write background_end = 'loop'"
             )
 
-    def look(self, _time: float, frame_s: float) -> object:
-        return self._index(frame_s)
-
     def picture(self, _time: float, frame_s: float) -> Picture:
         # The video has its own motion blur: it shows one picture while the shutter is open.
-        picture = self._pictures[self._index(frame_s)].astype(np.float32)
-        return np.asarray(picture / np.float32(255))
-
-    def _index(self, time: float) -> int:
-        video_s = math.fmod(time + self._first + _ROUNDED_S, self._end)
-        return max(int(np.searchsorted(self._times, video_s, side="right")) - 1, 0)
+        video_s = math.fmod(frame_s + self._first + _ROUNDED_S, self._end)
+        index = max(int(np.searchsorted(self._times, video_s, side="right")) - 1, 0)
+        return np.asarray(self._pictures[index].astype(np.float32) / np.float32(255))
 
 
 @lru_cache(maxsize=2)

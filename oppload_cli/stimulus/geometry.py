@@ -53,13 +53,6 @@ class Pose:
     contact_in_s: float | None  # time to contact while it approaches and does not pass
     looming: bool  # whether its complete outline grows, and it does not pass
 
-    @property
-    def look(self) -> tuple[object, ...]:
-        """The values that the object's pixels depend on."""
-        reach = (self.extent.forward, self.extent.backward)
-        place = (self.centre_deg, self.orientation_deg, self.zoom, self.travel_deg)
-        return (self.visible, self.luminance, *reach, *place)
-
 
 @dataclass(frozen=True)
 class Projection:

@@ -84,7 +84,6 @@ class Renderer:
         self._painters = [
             _PAINTERS.get(obj.kind, _Painter)(protocol, obj) for obj in protocol.objects
         ]
-        self._last: tuple[list[object], NDArray[np.float32]] | None = None
 
     def grey(self, frame: int) -> NDArray[np.uint8]:
         """Return a frame (0-based) as a file holds it.
@@ -123,7 +122,7 @@ class Renderer:
             )
         display = self.protocol.display
         times = [self.protocol.time_of(index) for index in (frame, frame + 1)]
-        (place, view), (next_place, later) = (self._background.look(time, time) for time in times)
+        (place, view), (next_place, later) = map(self._background.seen_at, times)
         if next_place is not place:
             return np.full((display.height, display.width, 2), np.nan)
         return place.flow(view, later, display.height, display.width)
@@ -159,19 +158,12 @@ class Renderer:
         return total / np.float32(count)
 
     def _picture(self, time: float, frame_s: float) -> NDArray[np.float32]:
-        """Draw the scene, or return the last picture if the scene has not changed since.
-
-        `time` is a time at which the shutter is open, `frame_s` the time of the frame.
-        """
-        poses = [painter.pose(time) for painter in self._painters]
-        looks = [self._background.look(time, frame_s), *(pose.look for pose in poses)]
-        if self._last is not None and self._last[0] == looks:
-            return self._last[1]
+        """Draw the scene at a time at which the shutter is open; `frame_s` is that of the frame."""
         picture = self._background.picture(time, frame_s)
-        for painter, pose in zip(self._painters, poses, strict=True):
+        for painter in self._painters:
+            pose = painter.pose(time)
             if pose.visible:
                 painter.paint(picture, pose)
-        self._last = (looks, picture)
         return picture
 
 

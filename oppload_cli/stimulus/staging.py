@@ -56,11 +56,6 @@ class Sight:
     contact_in_s: float | None  # time to contact, while its course hits the camera
     view: View
 
-    @property
-    def look(self) -> tuple[object, ...]:
-        """The values that the object's pixels depend on."""
-        return self.visible, self.offset, self.view
-
     def box(self, half_width: float, half_height: float) -> _Box | None:
         """Return left, top, width and height in pixels of the box around the picture.
 
