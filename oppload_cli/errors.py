@@ -9,11 +9,12 @@ from __future__ import annotations
 import errno
 import re
 import unicodedata
+from contextlib import contextmanager
 from enum import IntEnum
 from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 
 _NO_MEMORY = (
@@ -104,6 +105,18 @@ class ShortageError(OpploadError):
 
 class StimulusError(OpploadError, ValueError):
     """A stimulus protocol is not valid, or cannot be rendered with the given settings."""
+
+
+@contextmanager
+def faults_at(place: str, kind: type[OpploadError] | None = None) -> Iterator[None]:
+    """Put the place of the fault, such as the name of a file, before the message of an error.
+
+    The error keeps its class, unless `kind` is given.
+    """
+    try:
+        yield
+    except OpploadError as error:
+        raise (kind or type(error))(f"{place}: {error}") from error
 
 
 def shortage(error: BaseException | None) -> str:

@@ -18,7 +18,7 @@ from functools import cache
 from types import NoneType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from oppload_cli.errors import OpploadError, ParameterError, StimulusError, suggestion
+from oppload_cli.errors import OpploadError, ParameterError, StimulusError, faults_at, suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -264,10 +264,8 @@ class Table:
         for name, value in table.items():
             inner = known[name].table
             values[name] = inner.from_table(value, f"{where}: {name}") if inner else value
-        try:
+        with faults_at(where):
             return cls(**values)
-        except OpploadError as problem:
-            raise cls._error(f"{where}: {problem}") from None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the values by name, for JSON."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from oppload_cli.errors import OpploadError, ParameterError
+from oppload_cli.errors import ParameterError, faults_at
 from oppload_cli.evaluation.evaluate import outputs_of
 from oppload_cli.files.atomic import write_atomic
 from oppload_cli.models.registry import detector_named
@@ -294,15 +294,13 @@ def _task(
 
 def _show(detectors: Sequence[EvaluatedDetector], task: _Task) -> None:
     measured: dict[str, Measured] = {}
-    try:
+    with faults_at(task.protocol.name):
         for height in dict.fromkeys(each.height for each in detectors):
             same = [each for each in detectors if each.height == height]
             video = StimulusVideo(task.protocol, height)
             times, outputs = outputs_of(video, same)
             for name, output in outputs.items():
                 measured[name] = _measure(name, times, output.response, output.alarm)
-    except OpploadError as error:
-        raise type(error)(f"{task.protocol.name}: {error}") from error
     rows = [asdict(measured[each.name]) for each in detectors]
     write_atomic(task.file, json.dumps({"key": task.key, "measured": rows}, indent=1) + "\n")
 

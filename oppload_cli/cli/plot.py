@@ -12,7 +12,7 @@ from click.core import ParameterSource
 import oppload_cli as oppload
 from oppload_cli.cli import check_display, say, show_file
 from oppload_cli.cli.options import check_models, models_option, names_in
-from oppload_cli.errors import ExitCode, ParameterError, ResultError
+from oppload_cli.errors import ExitCode, ParameterError, ResultError, faults_at
 from oppload_cli.evaluation.manifest import Manifest, read_manifest
 from oppload_cli.files.atomic import PART
 from oppload_cli.models.registry import detector_named
@@ -350,10 +350,8 @@ def _clip_of(result: BaseResult, manifest: Manifest) -> Label | None:
 
 def _time_of(result: BaseResult, text: str, label: str) -> float:
     """Return the time of a position such as 1.5 or f50 in a result."""
-    try:
+    with faults_at(f"--{label}"):
         position = parse_position(text)
-    except ParameterError as error:
-        raise ParameterError(f"--{label}: {error}") from error
     if position.seconds is not None:
         return position.seconds
     rows = result.frames.loc[result.frames["frame"] == position.frame, "time_s"]

@@ -16,7 +16,7 @@ from oppload_cli.cli.options import (
     output_option,
     settings_options,
 )
-from oppload_cli.errors import ParameterError
+from oppload_cli.errors import ParameterError, faults_at
 from oppload_cli.files.reading import text_of
 from oppload_cli.models.presets import DEFAULT_PRESET, NATIVE, PRESETS, preset_in
 from oppload_cli.schema import parsed_fraction
@@ -151,10 +151,8 @@ def _span(start: str | None, end: str | None, duration: str | None) -> Span:
 
 
 def _position(option: str, text: str | None) -> Position | None:
-    try:
+    with faults_at(option):
         return None if text is None else parse_position(text)
-    except ParameterError as error:
-        raise ParameterError(f"{option}: {error}") from error
 
 
 def _rate(text: str) -> Fraction:

@@ -16,7 +16,7 @@ from oppload_cli.detection.parameters import (
     alarm_params_with,
     place_params,
 )
-from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.errors import ParameterError, faults_at, suggestion
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.models.presets import (
     DEFAULT_PRESET,
@@ -137,10 +137,8 @@ class Settings:
         for full_name, degrees in self.angles.items():
             group, _, name = full_name.partition(".")
             pixels = round(optics.pixels(degrees) / working.scale_y)
-            try:
+            with faults_at(f"{full_name}={degrees:g}deg"):
                 groups[group] = groups[group].replaced(**{name: pixels})
-            except ParameterError as error:
-                raise ParameterError(f"{full_name}={degrees:g}deg: {error}") from error
         return replace(self, groups=groups, angles={})
 
     def with_all_detectors(self) -> Settings:
@@ -271,7 +269,7 @@ def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> S
     angles: dict[str, float] = {}
     known = ["preset", *_TOP_READERS, *groups]
     for key, value in content.items():
-        try:
+        with faults_at(source):
             if key not in known:
                 raise ParameterError(f"no setting '{key}'{suggestion(key, known)}")
             if key in groups:
@@ -280,8 +278,6 @@ def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> S
             elif key != "preset":
                 top[key] = _TOP_READERS[key](value)
                 origins[key] = source
-        except ParameterError as error:
-            raise ParameterError(f"{source}: {error}") from error
     return replace(settings, groups=groups, origins=origins, angles=angles, **top)
 
 
@@ -368,7 +364,5 @@ def _preset_of_file(content: Mapping[str, Any], source: str, usual: str) -> Pres
     name = content.get("preset", usual)
     if not isinstance(name, str):
         raise ParameterError(f"{source}: 'preset' must be a word in quotes, not {name!r}")
-    try:
+    with faults_at(source):
         return preset_named(name)
-    except ParameterError as error:
-        raise ParameterError(f"{source}: {error}") from error

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.errors import OpploadError, StimulusError, nearest, reason_of
+from oppload_cli.errors import StimulusError, faults_at, nearest, reason_of
 from oppload_cli.files.reading import is_file
 from oppload_cli.stimulus.patterns import noise_tile
 from oppload_cli.stimulus.staging import View, camera_of, view_of
@@ -111,14 +111,12 @@ def _still_picture(scene: Scene, display: Display) -> Picture:
     for key in ("background_start_s", "background_end", "background_rate"):
         if getattr(scene, key) is not None:
             raise StimulusError(f"{where} is a still picture; {key} goes with a video")
-    try:
+    with faults_at(where, StimulusError):
         luma, opacity = read_transparent(str(scene.background))
         if opacity is not None:
             luma = display.background + (luma - display.background) * opacity
         rows, columns = luma.shape
         _check_size(columns, rows, scene, display)
-    except OpploadError as problem:
-        raise StimulusError(f"{where}: {problem}") from None
     grey = _covering(luma, display.width, display.height)
     return np.asarray(grey.astype(np.float32) / np.float32(255))
 
@@ -133,15 +131,13 @@ class _Video:
         end_s = self._first + protocol.timing.total_s
         try:
             changed = Path(str(scene.background)).stat().st_mtime_ns
-            self._times, self._pictures, self._end = _footage(
-                scene, protocol.display, end_s, changed
-            )
+            with faults_at(where, StimulusError):
+                footage = _footage(scene, protocol.display, end_s, changed)
         except OSError as error:
             near = nearest(Path(str(scene.background)).name, SURROUNDINGS)
             hint = f"did you mean '{near}'?" if near else "check the path"
             raise StimulusError(f"{where}: cannot be read ({reason_of(error)}); {hint}") from None
-        except OpploadError as problem:
-            raise StimulusError(f"{where}: {problem}") from None
+        self._times, self._pictures, self._end = footage
         last_s = protocol.time_of(protocol.frame_count - 1) + self._first
         if scene.background_end != "loop" and last_s >= self._end:
             raise StimulusError(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.errors import OpploadError, StimulusError
+from oppload_cli.errors import StimulusError, faults_at
 from oppload_cli.stimulus.patterns import noise_tile
 from oppload_cli.stimulus.surfaces import Texture
 from oppload_cli.video.images import read_transparent
@@ -59,10 +59,8 @@ def _drawn(drawing: str, seed: int) -> _Cutout:
 @lru_cache(maxsize=32)
 def _from_file(object_id: str, path: str) -> _Cutout:
     where = f"object '{object_id}': file = '{path}'"
-    try:
+    with faults_at(where, StimulusError):
         luminance, opacity = read_transparent(path)
-    except OpploadError as problem:
-        raise StimulusError(f"{where}: {problem}") from None
     if opacity is None or opacity.min() == 1:
         raise StimulusError(
             f"{where} has no transparency, so that its outline is not known; save it with an "

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Self
 
-from oppload_cli.errors import StimulusError, suggestion
+from oppload_cli.errors import StimulusError, faults_at, suggestion
 from oppload_cli.schema import REQUIRED, Parameter, Table
 from oppload_cli.stimulus.kinematics import ROUNDING_S, motion_times, pose_of, reaches_field
 from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Motion, Object
@@ -46,11 +46,9 @@ class Protocol(ProtocolTables):
         self._check_ids()
         check_stage(self)
         for obj in self.objects:
-            try:
+            with faults_at(f"object '{obj.id}'"):
                 _check_object_times(self, obj)
                 _check_inside(self, obj)
-            except StimulusError as problem:
-                raise StimulusError(f"object '{obj.id}': {problem}") from None
 
     @classmethod
     def from_table(cls, table: object, where: str) -> Self:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
-from oppload_cli.errors import StimulusError
+from oppload_cli.errors import StimulusError, faults_at
 from oppload_cli.stimulus.courses import HIT_SIZES, Line, Vector
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.kinematics import ROUNDING_S, is_drawn, motion_times, shaken
@@ -175,10 +175,8 @@ def check_stage(protocol: ProtocolTables) -> None:
         )
     for obj in pictures:
         where = f"object '{obj.id}': course"
-        try:
+        with faults_at(where):
             ahead = _line(protocol, obj).start[2]
-        except StimulusError as problem:
-            raise StimulusError(f"{where}: {problem}") from None
         if ahead <= 0 and obj.course is not None and obj.course.kind != "overtaking":
             raise StimulusError(
                 f"{where}: it starts {-ahead:g} m behind the camera; change start_m, or use kind "

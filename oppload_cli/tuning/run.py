@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from oppload_cli.environment import environment
-from oppload_cli.errors import OpploadError
+from oppload_cli.errors import faults_at
 from oppload_cli.files.atomic import PartFile, write_atomic
 from oppload_cli.files.tables import csv_text, formatted
 from oppload_cli.models.registry import alarm_floor_of, detector_named, is_rounding_error
@@ -113,10 +113,8 @@ def _measured(
     settings: Settings, presentations: int, indicator_s: float, protocol: Protocol
 ) -> list[dict[str, Measures]]:
     """Return the measures of each presentation of a stimulus, by detector."""
-    try:
+    with faults_at(protocol.name):
         shown = present(protocol, settings, presentations, indicator_s)
-    except OpploadError as error:
-        raise type(error)(f"{protocol.name}: {error}") from error
     parts = {
         detector: [each] if presentations == 1 else each.presentations(protocol)
         for detector, each in shown.items()

@@ -12,7 +12,7 @@ import tomllib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from oppload_cli.errors import ParameterError, StimulusError, suggestion
+from oppload_cli.errors import ParameterError, StimulusError, faults_at, suggestion
 from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.results.reading import direction_of
 from oppload_cli.stimulus.catalogue import Entry, find
@@ -273,32 +273,33 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
     for text in over:
         word, equals, values = text.partition("=")
         key = key_of(word.strip(), own.name, own.table, own.sweep, "--over")
-        if key in chosen:
-            raise ParameterError(f"--over {text}: '{key}' is swept already; give all values once")
-        if not equals and key not in entry.sweep:
-            raise ParameterError(
-                f"--over {text}: {entry.name} has no values of its own for '{key}'; "
-                f"give some, e.g. --over {text}=10,20,40 or {text}=0:330:30"
-            )
-        chosen[key] = _values_of(text, values) if equals else entry.sweep[key]
-        if key.endswith(_PLACE):
-            _check_places(text, word, chosen[key])
-        if equals and direction_of([key]):
-            _check_turns(text, chosen[key])
+        with faults_at(f"--over {text}"):
+            if key in chosen:
+                raise ParameterError(f"'{key}' is swept already; give all values once")
+            if not equals and key not in entry.sweep:
+                raise ParameterError(
+                    f"{entry.name} has no values of its own for '{key}'; "
+                    f"give some, e.g. --over {text}=10,20,40 or {text}=0:330:30"
+                )
+            chosen[key] = _values_of(values) if equals else entry.sweep[key]
+            if key.endswith(_PLACE):
+                _check_places(word, chosen[key])
+            if equals and direction_of([key]):
+                _check_turns(chosen[key])
     # with_settings() refuses a key that names no table; making the protocols checks the values.
     first = {key: chosen[key][0] for key in chosen}
     return replace(entry.with_settings(first, "--over"), sweep=chosen)
 
 
-def _values_of(text: str, values: str) -> list[Any]:
-    """Read the values of a sweep; `text` is the complete option, for the message.
+def _values_of(values: str) -> list[Any]:
+    """Read the values of a sweep.
 
     The forms are ``10,20,40``, ``0:330:30`` (from, to, step; both ends included), and a list of
     TOML, such as ``[[0,0],[10,0]]``.
     """
     try:
         if values.count(":") == 2:
-            listed = _range(text, *(float(end) for end in values.split(":")))
+            listed = _range(*(float(end) for end in values.split(":")))
         else:
             stated = values if values.strip().startswith("[") else f"[{values}]"
             listed = tomllib.loads(f"values = {stated}")["values"]
@@ -308,27 +309,25 @@ def _values_of(text: str, values: str) -> list[Any]:
         listed = []
     if not listed:
         raise ParameterError(
-            f"--over {text}: its values cannot be read; write 10,20,40 or 0:330:30 (from, to, "
-            f'step) or [[0,0],[10,0]], and texts in quotes, ["forward","both"]'
+            "its values cannot be read; write 10,20,40 or 0:330:30 (from, to, step) or "
+            '[[0,0],[10,0]], and texts in quotes, ["forward","both"]'
         )
     twice = next((value for value in listed if listed.count(value) > 1), None)
     if twice is not None:
-        raise ParameterError(f"--over {text}: {twice} is there twice; leave one out")
+        raise ParameterError(f"{twice} is there twice; leave one out")
     return listed
 
 
-def _check_places(text: str, word: str, values: Sequence[Any]) -> None:
+def _check_places(word: str, values: Sequence[Any]) -> None:
     """Raise ParameterError if a value is not a position, with the right form in the message."""
     if all(isinstance(value, list) for value in values):
         return
     places = [value if isinstance(value, list) else [value, 0] for value in values]
     written = f"{word.strip()}={places}".replace(" ", "")
-    raise ParameterError(
-        f"--over {text}: a position is two numbers, [right,up]; write {written[:200]}"
-    )
+    raise ParameterError(f"a position is two numbers, [right,up]; write {written[:200]}")
 
 
-def _check_turns(text: str, values: Sequence[Any]) -> None:
+def _check_turns(values: Sequence[Any]) -> None:
     """Raise ParameterError if two directions are the same one, such as 0 and 360 degrees."""
     first_values: dict[float, float] = {}  # by direction
     for value in values:
@@ -337,24 +336,22 @@ def _check_turns(text: str, values: Sequence[Any]) -> None:
         first = first_values.setdefault(round(value, 6) % 360, value)
         if first != value:
             raise ParameterError(
-                f"--over {text}: {value:g} degrees are the same direction as {first:g}; leave one "
-                "of the two out, as in 0:315:45"
+                f"{value:g} degrees are the same direction as {first:g}; leave one of the two out, "
+                "as in 0:315:45"
             )
 
 
-def _range(text: str, first: float, last: float, step: float) -> list[Any]:
+def _range(first: float, last: float, step: float) -> list[Any]:
     """Return the values from first to last; none if the step is 0 or a number is not finite."""
     if not step or not math.isfinite(first + last + step):
         return []
     steps = (last - first) / step + 1e-9
     if steps < 0:
         raise ParameterError(
-            f"--over {text}: steps of {step:g} from {first:g} lead away from {last:g}; exchange "
-            "the ends, or change the sign of the step"
+            f"steps of {step:g} from {first:g} lead away from {last:g}; exchange the ends, or "
+            "change the sign of the step"
         )
     if steps >= _MOST_VALUES:
-        raise ParameterError(
-            f"--over {text}: these are more than {_MOST_VALUES:,} values; take a larger step"
-        )
+        raise ParameterError(f"these are more than {_MOST_VALUES:,} values; take a larger step")
     values = [first + index * step for index in range(math.floor(steps) + 1)]
     return [int(value) if value.is_integer() else value for value in values]
