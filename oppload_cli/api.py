@@ -81,7 +81,7 @@ class Result(reading.BaseResult):
     saved: bool = False
 
     def __repr__(self) -> str:
-        name = self.sidecar.get("input", {}).get("name") or self.stem
+        name = self.part("input").get("name") or self.stem
         parts = [repr(str(name)), counted(len(self.frames), "frame")]
         alarm = self.part("parameters").get("alarm")
         if isinstance(alarm, dict) and alarm.get("on") is False:
@@ -349,11 +349,9 @@ def read_result(path: str | Path) -> Result:
 
 def _own_truth(result: Result) -> dict[str, Any] | None:
     """Return the ground truth that is a part of the result, or a file beside it."""
-    stated = result.sidecar.get("stimulus")
-    if not isinstance(stated, dict):
-        return None
+    stated = result.part("stimulus")
     beside = result.path.with_name(f"{result.stem}{GROUND_TRUTH}")
-    own = "frames" in stated or (result.saved and is_file(beside))
+    own = "frames" in stated or (stated and result.saved and is_file(beside))
     return usable_truth(result) if own else None
 
 

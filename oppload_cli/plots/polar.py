@@ -177,9 +177,7 @@ def direction_tuning(curve: TuningCurve) -> DirectionTuning:
         raise ResultError(f"{tuning.path}: column '{other}' is swept too; {advice}")
     angles, values = curve.rows[direction].to_numpy(float), curve.peaks
     preset = tuning.sidecar.get("preset")
-    if isinstance(preset, str) and is_rounding_error(
-        curve.largest, alarm_floor_of(detector.name, preset)
-    ):
+    if preset and is_rounding_error(curve.largest, alarm_floor_of(detector.name, preset)):
         values = np.zeros_like(values)
     angles, values = (full_circle if tuning.symmetric else _in_order)(angles, values)
     return DirectionTuning(

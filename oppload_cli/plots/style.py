@@ -214,10 +214,9 @@ def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
 
 def doubts_of(tuning: Tuning, detector: str) -> str:
     """Return the reasons why a curve means little, from the sidecar; a line break before each."""
-    doubts = tuning.sidecar.get("doubts")
     return "".join(
         f"\n{doubt.get('note')}"
-        for doubt in (doubts if isinstance(doubts, list) else ())
+        for doubt in tuning.sidecar.get("doubts", ())
         if isinstance(doubt, dict) and doubt.get("model") == detector
     )
 

@@ -124,7 +124,7 @@ def plot_tuning(
 
 def kind_of(tuning: Tuning) -> str:
     """Return the kind of the classic figure of a table, or the kind that suits its parameters."""
-    figure_kind = _figure(tuning).get("kind")
+    figure_kind = tuning.sidecar.get("figure", {}).get("kind")
     reduced = _reduced(tuning)
     single_row = len(reduced.parameters) == 1 < len(tuning.parameters)
     if figure_kind in KINDS and not (single_row and figure_kind in {"heat", "position"}):
@@ -198,19 +198,13 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
     return summary
 
 
-def _figure(tuning: Tuning) -> dict[str, Any]:
-    """Return the sidecar's part about the classic figure of a table; empty if there is none."""
-    figure = tuning.sidecar.get("figure")
-    return figure if isinstance(figure, dict) else {}
-
-
 def _title(tunings: Sequence[Tuning], kind: str) -> str:
     """Return the name of the stimulus of a single table, and the indicator of all tables.
 
     A classic figure has a title of its own, which suits its own kind of plot only.
     """
     first = tunings[0]
-    figure = _figure(first) if kind == kind_of(first) else {}
+    figure = first.sidecar.get("figure", {}) if kind == kind_of(first) else {}
     title = str(figure.get("title", first.name)) if len(tunings) == 1 else ""
     indicators = {style.indicator_of(each.sidecar) for each in tunings}
     through = f"through an {indicators.pop()}" if len(indicators) == 1 and all(indicators) else ""
@@ -227,12 +221,11 @@ def _settings_lines(tunings: Sequence[Tuning], names: Sequence[str]) -> list[str
 
 def _settings_of(tuning: Tuning) -> str:
     sidecar = tuning.sidecar
-    if not isinstance(sidecar.get("preset"), str):
+    if "preset" not in sidecar:
         return ""
     display = style.first_stimulus(tuning).get("display", {})
     height = sidecar.get("height") or display.get("height")
-    changed = sidecar.get("changed")
-    stated = dict(changed) if isinstance(changed, dict) else {}
+    stated = dict(sidecar.get("changed", {}))
     changes = sidecar.get("stimulus", {}).get("changes")
     for key, value in changes.items() if isinstance(changes, dict) else ():
         stated[key] = value if isinstance(value, str) else in_toml(value)

@@ -145,10 +145,10 @@ class Content:
 
     def settings(self) -> dict[str, dict[str, str]]:
         """Return the settings of the run from the sidecar, as texts by group and name."""
-        words = self.result.sidecar.get("command")
-        command = " ".join(map(str, words)) if isinstance(words, list) else None
+        sidecar = self.result.sidecar
+        command = " ".join(map(str, sidecar["command"])) if "command" in sidecar else None
         groups: dict[str, Any] = {
-            "run": {"command": command, "preset": self.result.sidecar.get("preset")},
+            "run": {"command": command, "preset": sidecar.get("preset")},
             **{name: self.result.part(name) for name in _PARTS},
             **{f"parameters: {n}": each for n, each in self.result.part("parameters").items()},
         }
@@ -286,11 +286,10 @@ def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
         notes.append(f"the video was not read completely ({reasons or 'damaged frames'})")
     if result.shortfall:
         notes.append(result.shortfall)
-    remarks = result.sidecar.get("remarks")
-    notes += map(str, remarks if isinstance(remarks, list) else ())
+    notes += map(str, result.sidecar.get("remarks", ()))
     off = [curve.label for curve in curves if not curve.thresholded]
     if off:
-        preset = PRESETS.get(str(result.sidecar.get("preset")))
+        preset = PRESETS.get(result.sidecar.get("preset", ""))
         why = f" ({preset.name}: {preset.no_alarm})" if preset and preset.no_alarm else ""
         notes.append(f"no alarm of {', '.join(off)}{why}: each curve is divided by its peak")
     return notes

@@ -40,6 +40,13 @@ if TYPE_CHECKING:
 _SUFFIXES = (f"{TABLE}{PART}", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
+# The types of parts of a sidecar; a part of another type, as in a damaged file, is left out.
+_TYPES: dict[str, type] = {
+    **dict.fromkeys(("input", "working", "decode", "tool", "parameters", "alarms"), dict),
+    **dict.fromkeys(("stimulus", "figure", "changed"), dict),
+    **dict.fromkeys(("command", "remarks", "doubts"), list),
+    "preset": str,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +75,8 @@ class BaseResult:
 
     def part(self, name: str) -> dict[str, Any]:
         """Return a part of the sidecar, such as ``input``; empty if there is no such part."""
-        part = self.sidecar.get(name)
-        return part if isinstance(part, dict) else {}
+        part: dict[str, Any] = self.sidecar.get(name) or {}
+        return part
 
     @property
     def shortfall(self) -> str:
@@ -326,12 +333,8 @@ def _sidecar(path: Path) -> dict[str, Any]:
         raise ResultError(f"{path}: is not a sidecar that can be read; remove it") from error
     if not isinstance(content, dict):
         return {}
-    tables = ("input", "parameters", "stimulus")
-    return {
-        name: value
-        for name, value in content.items()
-        if name not in tables or isinstance(value, dict)
-    }
+    parts = content.items()
+    return {name: part for name, part in parts if isinstance(part, _TYPES.get(name, object))}
 
 
 def find_video(result: BaseResult, moved: Path | None = None) -> str:

@@ -65,14 +65,13 @@ def find_truth(result: BaseResult) -> Truth | None:
     ``stimulus.path``. Otherwise ``NAME.stimulus.json`` may be beside the result. Raises
     StimulusError if the file is not a ground truth, or belongs to another video.
     """
-    stated = result.sidecar.get("stimulus")
-    if isinstance(stated, dict):
-        if isinstance(stated.get("frames"), list):
-            return stated
-        if "error" in stated:
-            return None
-        stated = stated.get("path")
-    named = [Path(stated), result.path.parent / stated] if isinstance(stated, str) else []
+    stated = result.part("stimulus")
+    if isinstance(stated.get("frames"), list):
+        return stated
+    if "error" in stated:
+        return None
+    path = stated.get("path")
+    named = [Path(path), result.path.parent / path] if isinstance(path, str) else []
     facts = result.part("input")
     for path in (*named, result.path.with_name(result.stem + GROUND_TRUTH)):
         if is_file(path):
