@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ExitCode, ParameterError, printable
-from oppload_cli.files.reading import content_of, fault_of_stem, is_file, reading
-from oppload_cli.files.tables import open_csv
+from oppload_cli.files.reading import content_of, fault_of_stem, reading
+from oppload_cli.files.tables import open_csv, rows_of
 from oppload_cli.processes.threads import Call
 from oppload_cli.results.alarms import ALARM_COLUMNS, MOST_IN_A_LINE, in_words, label_of
 from oppload_cli.results.table import TABLE
@@ -375,14 +375,9 @@ def failed_in(folder: Path) -> Iterator[tuple[str, str]]:
 
     The lists are those of one batch, or of its shards. A list that cannot be read is skipped.
     """
-    for path in filter(is_file, sorted(folder.glob("failures*.csv"))):  # a pipe might never end
-        with (
-            suppress(OSError, ValueError, csv.Error),
-            path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file,
-        ):
-            reader = csv.DictReader(file)
-            if reader.fieldnames == list(FAILURE_COLUMNS):
-                yield from ((row["stem"] or "", row["error"] or "") for row in reader)
+    for path in sorted(folder.glob("failures*.csv")):
+        for row in rows_of(path, FAILURE_COLUMNS):
+            yield row["stem"] or "", row["error"] or ""
 
 
 def write_failures(path: Path, failures: Iterable[Failure]) -> None:

@@ -80,9 +80,7 @@ class BatchProgress:
         self._done = self._frames = 0
         self._started = time.monotonic()
         self._next_line = self._started + _LINE_EVERY_S
-        self._bar: tqdm[Never] | None = None
-        if verbosity >= 0 and on_terminal():
-            self._bar = progress_bar(total, "input", quiet=False)
+        self._bar = progress_bar(total, "input", quiet=verbosity < 0)  # maybe hidden
 
     def started(self, name: str) -> None:
         """Show the name of an input that is begun."""
@@ -92,9 +90,8 @@ class BatchProgress:
     def frames(self, count: int) -> None:
         """Count more frames."""
         self._frames += count
-        if self._bar is not None:
-            self._bar.set_postfix_str(self._now(), refresh=count > 0)
-        elif self._verbosity >= 0 and time.monotonic() >= self._next_line:
+        self._bar.set_postfix_str(self._now(), refresh=count > 0)
+        if self._bar.disable and self._verbosity >= 0 and time.monotonic() >= self._next_line:
             self._next_line = time.monotonic() + _LINE_EVERY_S
             say(f"{self._done} of {self._total} inputs, {self._now()}")
 
@@ -102,18 +99,15 @@ class BatchProgress:
         """Count an input, and print lines about it."""
         self._running.pop(name, None)
         self._done += 1
-        if self._bar is not None:
-            self._bar.clear()
+        self._bar.clear()
         for line in lines:
             say(line)
-        if self._bar is not None:
-            self._bar.set_postfix_str(self._now(), refresh=False)
-            self._bar.update()
+        self._bar.set_postfix_str(self._now(), refresh=False)
+        self._bar.update()
 
     def close(self) -> None:
         """Remove the bar."""
-        if self._bar is not None:
-            self._bar.close()
+        self._bar.close()
 
     def _now(self) -> str:
         seconds = time.monotonic() - self._started

@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import math
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import IO, TYPE_CHECKING, Any
 
 from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile
+from oppload_cli.files.reading import is_file
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
 Value = float | int | None
@@ -154,6 +155,20 @@ def open_table(
                     parquet.writer.is_open = False
         case _:
             raise OutputError(f"{path}: is neither .csv nor .parquet; choose one for --output")
+
+
+def rows_of(path: Path, columns: Sequence[str]) -> list[dict[str, str | None]]:
+    """Return the rows of a CSV file; none if it cannot be read, or has other columns."""
+    if not is_file(path):  # a pipe might never end
+        return []
+    # Spreadsheets write a byte order mark.
+    with (
+        suppress(OSError, ValueError, csv.Error),
+        path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file,
+    ):
+        reader = csv.DictReader(file)
+        return list(reader) if reader.fieldnames == list(columns) else []
+    return []
 
 
 def rows_in(path: Path) -> int:

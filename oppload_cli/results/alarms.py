@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import printable
-from oppload_cli.files.reading import is_file
-from oppload_cli.files.tables import open_csv
+from oppload_cli.files.tables import open_csv, rows_of
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_named, known_names
 
@@ -233,7 +231,9 @@ def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
     """
     names = set(map(printable, found))
     with open_csv(path, ALARM_COLUMNS) as table:  # first: two batches may end at the same time
-        rows = [row for row in _rows_in(path) if row["video"] not in names]
+        rows: list[dict[str, Any]] = [
+            row for row in rows_of(path, ALARM_COLUMNS) if row["video"] not in names
+        ]
         for video, verdicts in found.items():
             rows += [_row(video, each.model, alarm) for each in verdicts for alarm in each.alarms]
         for row in sorted(rows, key=lambda row: row["video"]):
@@ -244,16 +244,3 @@ def _row(video: str, model: str, alarm: _AlarmEvent) -> dict[str, Any]:
     row = {"video": printable(video), "model": model, **asdict(alarm)}
     box = row.pop("box") or [None] * 4
     return row | dict(zip(Box._fields, box, strict=True))
-
-
-def _rows_in(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of an existing file; none if it cannot be read or has other columns."""
-    if not is_file(path):  # a pipe might never end
-        return []
-    try:
-        # Spreadsheets write a byte order mark.
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file)
-            return list(reader) if reader.fieldnames == list(ALARM_COLUMNS) else []
-    except (OSError, ValueError, csv.Error):
-        return []

@@ -185,12 +185,12 @@ def test_of_two_batches_that_end_at_the_same_time_none_loses_rows(
     path, found = tmp_path / "alarms.csv", [verdict([0, 3, 0], on=[1])]
     monkeypatch.setattr(atomic, "_DYING_S", 0)
 
-    def read_later(_: Path) -> list[dict[str, str]]:
+    def read_later(_: Path, _columns: object) -> list[dict[str, str]]:
         with pytest.raises(BusyError):
             write_alarms(path, {"a.mp4": found})
         return []
 
-    monkeypatch.setattr(alarms, "_rows_in", read_later)
+    monkeypatch.setattr(alarms, "rows_of", read_later)
     write_alarms(path, {"b.mp4": found})
 
 
