@@ -319,7 +319,7 @@ def _transport_stream(reading: _Reading) -> str | None:
         else:
             later |= _videos_that_begin(packets, stream)
         head = head[video]
-        if _prefix_missing(packets[video], head):
+        if _prefix_missing(packets[video]):
             return BROKEN
         counted = head[(head[:, 3] & _HAS_PAYLOAD) != 0]
         if len(counted):
@@ -331,20 +331,25 @@ def _transport_stream(reading: _Reading) -> str | None:
 
 def _videos_that_begin(packets: NDArray[np.uint8], stream: NDArray[np.int64]) -> set[int]:
     """Return the streams of which a packet begins with the head of a picture."""
-    adapted = (packets[:, 3] & _HAS_ADAPTATION) != 0
-    first = np.where(adapted, 5 + packets[:, 4].astype(np.int64), 4)
-    begins = np.flatnonzero(((packets[:, 1] & _BEGINS_PICTURE) != 0) & (first <= _TS_BYTES - 4))
-    prefix = packets[begins[:, None], first[begins, None] + np.arange(4)]
+    begins, prefix = _beginnings(packets, 4)
     is_video = (prefix[:, :3] == (0, 0, 1)).all(axis=1) & (prefix[:, 3] & 0xF0 == 0xE0)
     return set(map(int, stream[begins[is_video]]))
 
 
-def _prefix_missing(packets: NDArray[np.uint8], head: NDArray[np.int64]) -> bool:
+def _prefix_missing(packets: NDArray[np.uint8]) -> bool:
     """Return whether a picture lacks the three bytes with which each picture must begin."""
-    first = np.where(head[:, 3] & _HAS_ADAPTATION, 5 + head[:, 4], 4)
-    begins = np.flatnonzero(((head[:, 1] & _BEGINS_PICTURE) != 0) & (first <= _TS_BYTES - 3))
-    prefix = packets[begins[:, None], first[begins, None] + np.arange(3)]
-    return bool((prefix != (0, 0, 1)).any())
+    return bool((_beginnings(packets, 3)[1] != (0, 0, 1)).any())
+
+
+def _beginnings(
+    packets: NDArray[np.uint8], count: int
+) -> tuple[NDArray[np.intp], NDArray[np.uint8]]:
+    """Return the rows of packets with the beginning of a picture, and its first `count` bytes."""
+    adapted = (packets[:, 3] & _HAS_ADAPTATION) != 0
+    first = np.where(adapted, 5 + packets[:, 4].astype(np.int64), 4)
+    begun = (packets[:, 1] & _BEGINS_PICTURE) != 0
+    rows = np.flatnonzero(begun & (first <= _TS_BYTES - count))
+    return rows, packets[rows[:, None], first[rows, None] + np.arange(count)]
 
 
 def _packets_missing(head: NDArray[np.int64], last: int | None) -> bool:
