@@ -25,7 +25,7 @@ from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.files.atomic import make_folder
 
 
-@click.command(short_help="compare all detectors on one set of stimuli")
+@click.command()
 @models_option(
     metavar="NAME[:PRESET]",
     help="Detectors: NAME, or NAME:PRESET of one that presets change.  [default: all]",

@@ -12,7 +12,7 @@ from oppload_cli.errors import ExitCode, counted
 from oppload_cli.results import collecting
 
 
-@click.command(short_help="join many results into one table")
+@click.command()
 @click.argument(
     "folders", nargs=-1, required=True, metavar="DIR...", type=click.Path(path_type=Path)
 )

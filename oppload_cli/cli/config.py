@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from oppload_cli.pipeline.settings import Settings
 
 
-@click.command(short_help="print every setting of a run with its origin")
+@click.command()
 @settings_options()
 def config(**chosen: Any) -> None:
     """Print every setting as TOML, with its origin as a comment.

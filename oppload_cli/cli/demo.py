@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _STIMULUS = "controls/looming-and-translating"
 
 
-@click.command(short_help="show the detectors at work on a looming disk")
+@click.command()
 @output_option("oppload-demo", "Folder of the stimulus, the results, the plot and the page.")
 @if_exists_option("a result", skip=True)
 def demo(output: Path, if_exists: str) -> None:

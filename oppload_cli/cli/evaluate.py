@@ -23,7 +23,7 @@ from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.models.presets import EXAMPLE_SETTING
 
 
-@click.command(short_help="measure detection, lead time and false alarms on labelled clips")
+@click.command()
 @click.argument(
     "inputs",
     nargs=-1,

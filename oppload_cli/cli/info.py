@@ -9,7 +9,7 @@ import click
 from oppload_cli.environment import environment
 
 
-@click.command(short_help="print versions, for a bug report")
+@click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def info(as_json: bool) -> None:
     """Print the versions and cores that a result depends on."""

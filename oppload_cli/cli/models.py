@@ -41,7 +41,7 @@ def _complete(_: click.Context, __: click.Parameter, text: str) -> list[Completi
     return completions(text, dict.fromkeys((*parameter_sets(), *PRESETS), ""))
 
 
-@click.command(short_help="list the models and presets; describe one with its parameters")
+@click.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=_complete)
 @click.option("--measure", is_flag=True, help="Measure the cost of a frame on this machine.")
 @click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")

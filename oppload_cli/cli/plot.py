@@ -46,7 +46,7 @@ _EFFECTS = {
 }
 
 
-@click.command(short_help="plot results")
+@click.command()
 @click.argument(
     "results", nargs=-1, required=True, metavar="RESULT...", type=click.Path(path_type=Path)
 )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-@click.command(short_help="reproduce the synthetic figures of the OppLoD paper")
+@click.command()
 @output_option("reproduction")
 @click.option(
     "--only",

@@ -24,7 +24,7 @@ from oppload_cli.video.inputs import HIGHEST_RATE, Position, Span, parse_positio
 from oppload_cli.video.opening import Opening, is_video_file
 
 
-@click.command(short_help="run looming detectors on videos")
+@click.command()
 @click.argument("inputs", nargs=-1, metavar="INPUT...")
 @output_option(".", "Folder of the results; '-' streams one input's CSV.  [default: this folder]")
 @settings_options()

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from oppload_cli.tuning.sweeps import Sweep
 
 
-@click.command(short_help="measure responses to a stimulus over directions, speeds, sizes")
+@click.command()
 @click.argument("stimulus", metavar="[STIMULUS]", required=False, shell_complete=complete_stimuli)
 @click.option(
     "--figure",
