@@ -36,7 +36,7 @@ from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import Responses, present
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -101,7 +101,6 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
     by_speed = {speed: _shown_at(stimulus, speed, settings) for speed in _SPEEDS}
     shown = by_speed[_SPEED]
     protocol = load(stimulus)
-    centre = Projection.of(protocol.display).to_px(*protocol.objects[0].centre_deg)
     notes = [
         "The paper gives neither the size nor the speed of the disk. Here its radius is "
         f"5 + {_SPEED:g} t px in a frame of 600 x 600, with t in frames. The detectors see it at "
@@ -111,9 +110,55 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
         "OppLoD's response peaks when the edge of the disk leaves the receptive field, but D-LGMD "
         "sees the entire frame. So an earlier peak only reflects the size of the field. The figure "
         "'thresholds' compares the detectors at equal false alarms.",
+        "The speed determines the frame of the peak: at 4 px/frame the disk reaches the edge "
+        "of the field of 200 px in frame (100 - 5) / 4 = 23.75. So the agreement with frame 22 "
+        "says only that our speed is near to that of the paper, which the paper does not give. "
+        "D-LGMD's response grows until the stimulus ends, after 45 frames; we chose this "
+        "length too."
+        if stimulus == _CENTRE
+        else "D-LGMD's curve bends when the disk first reaches the border of the frame.",
     ]
+    return Built(
+        name,
+        title,
+        "The responses of both detectors under both presets, and the receptive field of the "
+        "winning unit at OppLoD's peak.",
+        tuple(_claims(protocol, by_speed, settings)),
+        _draw(protocol, shown, _PAPER if stimulus == _CENTRE else {}),
+        tuple(
+            {
+                "preset": preset, "detector": detector, "frame": frame, "time_s": time,
+                "response": response,
+            }
+            for preset, each in shown.items()
+            for detector, responses in each.items()
+            for frame, time, response in zip(
+                responses.frame, responses.time_s, responses.response, strict=True
+            )
+        ),
+        tuple(notes),
+        {preset: described_settings(each, _FIELD) for preset, each in settings.items()},
+    )  # fmt: skip
+
+
+def _claims(
+    protocol: Protocol, by_speed: dict[float, Shown], settings: dict[str, Settings]
+) -> Iterator[Claim]:
+    """Yield the statements on the disk; only that in the middle has peaks in the paper."""
+    centre = Projection.of(protocol.display).to_px(*protocol.objects[0].centre_deg)
     claim = functools.partial(_claim, by_speed=by_speed, settings=settings)
-    claims = [
+    for name, frame in _PAPER.items() if protocol.name == _CENTRE else ():
+        yield claim(
+            functools.partial(_near, name),
+            f"{detector_named(name).label}'s response peaks near frame {frame}.",
+            "holds: within 1 frame of the paper's peak, in part: within 3 frames. We chose the "
+            f"speed of {_SPEED:g} px/frame and the length of 45 frames, which determine the frame "
+            "of the peak",
+            "\u201cour model's output reaches the peak at near frame 22, while the baseline model "
+            "at near frame 43\u201d (looming disk, (c))",
+            [name],
+        )
+    yield from (
         claim(
             _earlier,
             "OppLoD responds earlier than D-LGMD.",
@@ -139,52 +184,7 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
             "disk)",
             ["opplod"],
         ),
-    ]
-    if stimulus == _CENTRE:
-        near = [
-            claim(
-                functools.partial(_near, name),
-                f"{detector_named(name).label}'s response peaks near frame {frame}.",
-                "holds: within 1 frame of the paper's peak, in part: within 3 frames. We chose the "
-                f"speed of {_SPEED:g} px/frame and the length of 45 frames, which determine the "
-                "frame of the peak",
-                "\u201cour model's output reaches the peak at near frame 22, while the baseline "
-                "model at near frame 43\u201d (looming disk, (c))",
-                [name],
-            )
-            for name, frame in _PAPER.items()
-        ]
-        claims = near + claims
-        notes.append(
-            "The speed determines the frame of the peak: at 4 px/frame the disk reaches the edge "
-            "of the field of 200 px in frame (100 - 5) / 4 = 23.75. So the agreement with frame 22 "
-            "says only that our speed is near to that of the paper, which the paper does not give. "
-            "D-LGMD's response grows until the stimulus ends, after 45 frames; we chose this "
-            "length too."
-        )
-    else:
-        notes.append("D-LGMD's curve bends when the disk first reaches the border of the frame.")
-    return Built(
-        name,
-        title,
-        "The responses of both detectors under both presets, and the receptive field of the "
-        "winning unit at OppLoD's peak.",
-        tuple(claims),
-        _draw(protocol, shown, _PAPER if stimulus == _CENTRE else {}),
-        tuple(
-            {
-                "preset": preset, "detector": detector, "frame": frame, "time_s": time,
-                "response": response,
-            }
-            for preset, each in shown.items()
-            for detector, responses in each.items()
-            for frame, time, response in zip(
-                responses.frame, responses.time_s, responses.response, strict=True
-            )
-        ),
-        tuple(notes),
-        {preset: described_settings(each, _FIELD) for preset, each in settings.items()},
-    )  # fmt: skip
+    )
 
 
 def _shown_at(stimulus: str, speed: float, settings: dict[str, Settings]) -> Shown:
