@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from oppload_cli.stimulus.tables import Display
+
 
 _SCHEMA = "oppload.stimulus/1"
 
@@ -182,8 +184,6 @@ def _frames(protocol: Protocol) -> Iterator[dict[str, Any]]:
 
 def _head(protocol: Protocol) -> dict[str, Any]:
     check_protocol(protocol)
-    display = protocol.display
-    rate = display.frame_rate
     truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))
     return {
         "schema": _SCHEMA,
@@ -193,15 +193,21 @@ def _head(protocol: Protocol) -> dict[str, Any]:
         "tool_version": __version__,
         "seed": protocol.seed,
         "protocol": protocol.as_table(),
-        "display": {
-            "width": display.width,
-            "height": display.height,
-            "frame_rate": f"{rate.numerator}/{rate.denominator}",
-            "pixels_per_degree": display.scale,
-            "projection": display.projection,
-        },
+        "display": display_facts(protocol.display),
         "looming": any(truth.looming for truth in truths),
         "contact_time_s": contact_time(protocol),
+    }
+
+
+def display_facts(display: Display) -> dict[str, Any]:
+    """Return the facts of a display as a ground truth has them."""
+    rate = display.frame_rate
+    return {
+        "width": display.width,
+        "height": display.height,
+        "frame_rate": f"{rate.numerator}/{rate.denominator}",
+        "pixels_per_degree": display.scale,
+        "projection": display.projection,
     }
 
 

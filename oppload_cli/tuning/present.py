@@ -10,7 +10,7 @@ import numpy as np
 
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
-from oppload_cli.stimulus.truth import contact_time, frame_truth
+from oppload_cli.stimulus.truth import contact_time, display_facts, frame_truth
 from oppload_cli.video.optics import Optics
 
 if TYPE_CHECKING:
@@ -85,12 +85,7 @@ def present(
     """
     video = StimulusVideo(protocol, settings.height, times)
     display = protocol.display
-    shown = {
-        "width": display.width,
-        "pixels_per_degree": display.scale,
-        "projection": display.projection,
-    }
-    optics = Optics.of_display(shown, display.width, display.height)
+    optics = Optics.of_display(display_facts(display), display.width, display.height)
     settings = settings.seen_through(optics, video.working)
     params, repeats, time = settings.model_params(), settings.repeats, settings.time
     records = list(analyse(video, params, places=None, repeats=repeats, rmo=None, time=time))
