@@ -199,17 +199,22 @@ def _to_onset(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
             time_s is not None and time_s - start < _ONSET_S
             for (start, _), time_s in zip(pauses, times, strict=True)
         ]
-        if any(early):
-            part = f"{sum(early)} of {len(early)} peaks"
-            detector = detector_named(name)
-            helps = keys and detector.warm_up > _ONSET_INTERVALS
-            yield Doubt(
-                name,
-                f"{part} at the start of the motion: no tuning",
-                f"{detector.label}: {part} come within {_ONSET_S:.2g} s after the start of the "
-                f"motion: they are responses to this start, and show no tuning"
-                f"{advice if helps else ''}",
-            )
+        helps = keys and detector_named(name).warm_up > _ONSET_INTERVALS
+        yield from _about_peaks(
+            name,
+            early,
+            "at the start of the motion",
+            f"come within {_ONSET_S:.2g} s after the start of the motion: they are responses to "
+            f"this start, and show no tuning{advice if helps else ''}",
+        )
+
+
+def _about_peaks(name: str, doubted: Sequence[bool], note: str, text: str) -> Iterator[Doubt]:
+    """Yield a doubt if some peaks of a detector, of which each condition has one, mean nothing."""
+    if any(doubted):
+        part = f"{sum(doubted)} of {len(doubted)} peaks"
+        label = detector_named(name).label
+        yield Doubt(name, f"{part} {note}: no tuning", f"{label}: {part} {text}")
 
 
 def _within_warm_up(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
@@ -221,9 +226,9 @@ def _within_warm_up(conditions: Sequence[Condition], entry: Entry) -> Iterator[D
     """
     protocols = entry.protocols()
     for name in conditions[0].measures:
-        detector = detector_named(name)
-        first_s = detector.warm_up / 30
-        if detector.warm_up <= _ONSET_INTERVALS:
+        warm_up = detector_named(name).warm_up
+        first_s = warm_up / 30
+        if warm_up <= _ONSET_INTERVALS:
             continue
         missed = []
         for condition, protocol in zip(conditions, protocols, strict=True):
@@ -233,15 +238,14 @@ def _within_warm_up(conditions: Sequence[Condition], entry: Entry) -> Iterator[D
                 and _ONSET_S <= found.peak_time_s - start_s < first_s + 1 / 30
             )
             missed.append(late and 0 < _motion_end(protocol) - start_s < 2 * first_s)
-        if any(missed):
-            part = f"{sum(missed)} of {len(missed)} peaks"
-            yield Doubt(
-                name,
-                f"{part} cut off by the warm-up: no tuning",
-                f"{detector.label}: {part} are 0 or its first response, because it responds only "
-                f"from {first_s:.2g} s after the start of the motion on, when more than half of "
-                "the motion is over: they show no tuning; choose a slower or longer motion",
-            )
+        yield from _about_peaks(
+            name,
+            missed,
+            "cut off by the warm-up",
+            f"are 0 or its first response, because it responds only from {first_s:.2g} s after the "
+            "start of the motion on, when more than half of the motion is over: they show no "
+            "tuning; choose a slower or longer motion",
+        )
 
 
 def _motion_end(protocol: Protocol) -> float:
@@ -274,15 +278,13 @@ def _to_vanishing(conditions: Sequence[Condition], entry: Entry) -> Iterator[Dou
             time_s is not None and any(-1e-6 < time_s - end_s < _ONSET_S for end_s in ends.values())
             for ends, time_s in zip(vanishing, times, strict=True)
         ]
-        if any(late):
-            part = f"{sum(late)} of {len(late)} peaks"
-            yield Doubt(
-                name,
-                f"{part} when an object vanishes: no tuning",
-                f"{detector_named(name).label}: {part} come within {_ONSET_S:.2g} s after an "
-                f"object has vanished: they are responses to this, and show no tuning; {advice} "
-                "keeps the object",
-            )
+        yield from _about_peaks(
+            name,
+            late,
+            "when an object vanishes",
+            f"come within {_ONSET_S:.2g} s after an object has vanished: they are responses to "
+            f"this, and show no tuning; {advice} keeps the object",
+        )
 
 
 def _vanishing(protocol: Protocol) -> dict[str, float]:
