@@ -199,7 +199,7 @@ class Opplod(Detector):
         """
         dpc = self._dpc.layer
         photoreceptors = dpc.photoreceptors
-        if self._bars or self._light:  # they see the frame before the photoreceptors check it
+        if self._bars or self._light or self._view:  # they see unchecked frames
             photoreceptors.need(luma)
         if self._bars:
             self._bars.step(luma, photoreceptors.usual_step)

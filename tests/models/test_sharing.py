@@ -15,8 +15,9 @@ from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.layers import Layers
+from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.registry import detector_of
-from tests.media import looming
+from tests.media import looming, texture
 from tests.presets import DEFAULT, REFERENCE
 
 if TYPE_CHECKING:
@@ -135,3 +136,19 @@ def test_a_refused_frame_is_refused_once_and_changes_no_answer() -> None:
         assert answers[-1] == other.step(frame)
         assert bank.luma_change == other.luma_change
     assert any(each["opplod"] and each["opplod"].response for each in answers)
+
+
+@pytest.mark.parametrize("part", [{"light_s": 4.0}, {"border": 6}, {"steady_view": True}])
+def test_each_part_that_sees_frames_first_refuses_them_too(part: dict[str, Any]) -> None:
+    """The view of the camera moves to the right; the refused frames would stop it."""
+    params = REFERENCE.replaced(history=0, **part)
+    model, other = Opplod(SHAPE, params), Opplod(SHAPE, params)
+    ground = texture(120, 200, 1)
+    for t in range(8):
+        frame = np.ascontiguousarray(ground[:, 5 * t : 5 * t + 120])
+        for refused in (frame[:, :90], np.full(SHAPE, np.nan, np.float32)):
+            with pytest.raises(FrameError):
+                model.step(refused)
+        assert model.step(frame) == other.step(frame)
+    for name, each in model.maps.items():
+        np.testing.assert_array_equal(each, other.maps[name])
