@@ -85,7 +85,7 @@ class SteadyLight:
         `elapsed` is the usual number of intervals from one frame to the next. The result has
         luminance up to 2; if the light is steady it is `luma` itself.
         """
-        cells = smaller(luma, min(_CELL, *luma.shape))
+        cells = smaller(luma, _CELL)
         before, self._before = self._before, cells
         if before is None or self._gains is None:
             self._gains = np.zeros((len(cells), 1), np.float32)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from oppload_cli.models import camera
 from oppload_cli.models.camera import (
     NO_BARS,
     Bars,
@@ -20,6 +21,7 @@ from oppload_cli.models.camera import (
     leave_out_entering,
     reduced,
     seen_from,
+    view_motion,
 )
 from oppload_cli.models.layers import Photoreceptors
 from tests.media import texture
@@ -88,6 +90,58 @@ def test_a_gain_above_the_largest_is_no_change_of_the_light() -> None:
     assert not change_of_light(before, before * bands(0.45)).any()
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "gain", "counts"),
+    [(0.05, 0.07, 0.9, True), (0.03, 0.039, 0.9, False), (0.93, 0.99, 0.97, True)],
+)
+def test_light_is_measured_in_a_range_of_luminance(
+    low: float, high: float, gain: float, counts: bool
+) -> None:
+    """The darker one of the two luminances of a cell must be above 0.04 and below 0.997."""
+    before = np.asarray(low + (high - low) * texture(HEIGHT, WIDTH, 0), np.float32)
+    assert change_of_light(before, before * np.float32(gain)).any() == counts
+
+
+@pytest.mark.parametrize(
+    ("by_rows", "left", "explained"),
+    [(False, 0.45, True), (False, 0.55, False), (True, 0.22, True), (True, 0.28, False)],
+)
+def test_a_gain_leaves_half_of_the_change_at_most_and_gains_of_rows_a_quarter(
+    by_rows: bool, left: float, explained: bool
+) -> None:
+    """In 35 of 100 cells this share of the change is left."""
+    before = np.random.default_rng(1).uniform(0.2, 0.8, (20, 100)).astype(np.float32)
+    gains = np.full((20, 1), 0.1)
+    if by_rows:
+        gains[::2] *= -1
+    logarithms = gains + 0.1 * left * (np.arange(100) % 20 < 7)
+    found = change_of_light(before, before * np.exp(logarithms).astype(np.float32))
+    np.testing.assert_allclose(found, (gains if by_rows else 0.1) if explained else 0, atol=1e-5)
+
+
+@pytest.mark.parametrize(("saturated", "others", "explained"), [(28, 5, True), (35, 0, False)])
+def test_gains_of_rows_need_most_of_the_cells(saturated: int, others: int, explained: bool) -> None:
+    """Of 100 cells in each row some are saturated, and some change otherwise."""
+    before = np.random.default_rng(1).uniform(0.2, 0.8, (20, 100)).astype(np.float32)
+    gains = np.where(np.arange(20) % 2, 1.1, 0.9).astype(np.float32)[:, None]
+    now = before * gains
+    before[:, :saturated] = now[:, :saturated] = 1.0
+    now[:, 100 - others :] *= np.float32(1.3)
+    found = change_of_light(before, now)
+    np.testing.assert_allclose(found, np.log(gains) if explained else 0, atol=1e-5)
+
+
+@pytest.mark.parametrize(("contrast", "explained"), [(0.02, False), (0.03, True)])
+def test_gains_of_rows_need_a_contrast_of_a_quarter_of_the_change(
+    contrast: float, explained: bool
+) -> None:
+    before = np.full((20, 30), 0.5, np.float32)
+    before[:, ::2] *= np.float32(1 + contrast)
+    gains = np.where(np.arange(20) % 2, 0.1, -0.1)[:, None]
+    found = change_of_light(before, before * np.exp(gains).astype(np.float32))
+    np.testing.assert_allclose(found, gains if explained else 0, atol=1e-5)
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("shift", [1, 3, 8])
 def test_a_scene_that_moves_is_no_change_of_the_light(axis: int, shift: int) -> None:
@@ -127,6 +181,15 @@ def test_light_that_flickers_is_made_steady(gain: Luma) -> None:
         now = light.step(scene() * gain ** np.float32(t % 3 - 1), 1.0)
         np.testing.assert_allclose(now[4:-4], before[4:-4], rtol=0.02)
         before = now
+
+
+def test_a_row_without_a_change_does_not_hide_that_of_the_other_rows() -> None:
+    gains = np.repeat(np.linspace(0.8, 1.2, 15, dtype=np.float32), 8)[:, None]
+    light = SteadyLight(1e9)
+    light.step(scene(), 1.0)
+    shown = light.step(scene() * gains, 1.0)
+    # The gain is interpolated between the middles of the rows of cells.
+    np.testing.assert_allclose(shown[4:-4], scene()[4:-4], rtol=0.02)
 
 
 @pytest.mark.parametrize("elapsed", [1.0, 2.0])
@@ -172,12 +235,113 @@ def test_the_view_of_a_camera_is_followed(motion: tuple[float, float, float], ra
     shares = [frame / rate for frame in range(3 * rate + 1)]
     for luma in views([(share * right, share * down, share * degrees) for share in shares]):
         found = view.step(luma, 1 / rate)
+    check_view(found, (3 * right, 3 * down, 3 * degrees), 1)
+
+
+def check_view(found: NDArray[np.float64], motion: tuple[float, float, float], atol: float) -> None:
+    """Compare a motion of the view with one of `views`, in three corners and in the middle."""
     middle = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
-    expected = cv2.getRotationMatrix2D(middle, 3 * motion[2], 1)
-    expected[:, 2] += 3 * np.array(motion[:2])
+    expected = cv2.getRotationMatrix2D(middle, motion[2], 1)
+    expected[:, 2] += np.array(motion[:2])
     corners = np.array([[0, 0, 1], [WIDTH - 1, 0, 1], [0, HEIGHT - 1, 1], [*middle, 1]])
     first = (found @ corners.T)[:2]  # the places in the first frame
-    np.testing.assert_allclose(expected @ [*first, np.ones(4)], corners[:, :2].T, atol=1)
+    np.testing.assert_allclose(expected @ [*first, np.ones(4)], corners[:, :2].T, atol=atol)
+
+
+@pytest.mark.parametrize("motions", [[(8.0, 0, 4)], [(0, 0, 6), (8, 0, 6)]])
+def test_the_view_turns_about_its_middle_and_is_shifted_then(
+    motions: list[tuple[float, float, float]],
+) -> None:
+    view = SteadyView()
+    for luma in views([(0, 0, 0), *motions]):
+        found = view.step(luma, 1.0)
+    check_view(found, motions[-1], 0.5)
+
+
+@pytest.mark.parametrize(
+    ("shape", "reduction", "elapsed", "back"),
+    [
+        ((170, 200), 1, 1, 1),
+        ((190, 200), 2, 1.25, 1),
+        ((298, 660), 2, 3, 1),
+        ((330, 660), 3, 0.6, 2),
+        ((20, 30), 1, 0.7, 1),
+        ((20, 30), 1, 0.25, 4),
+        ((20, 30), 1, 0.04, 16),
+    ],
+)
+def test_frames_of_about_120_px_are_compared_over_an_interval(
+    monkeypatch: pytest.MonkeyPatch,
+    shape: tuple[int, int],
+    reduction: int,
+    elapsed: float,
+    back: int,
+) -> None:
+    """The grey level of a frame is its number; the motion found is always a reduced pixel."""
+    compared = []
+
+    def view_motion(*frames: NDArray[np.uint8]) -> NDArray[np.float64]:
+        assert {each.shape for each in frames} == {(shape[0] // reduction, shape[1] // reduction)}
+        compared.append(tuple(int(each[0, 0]) for each in frames))
+        return np.array([[1.0, 0, 1], [0, 1, 0], [0, 0, 1]])
+
+    monkeypatch.setattr(camera, "view_motion", view_motion)
+    view = SteadyView()
+    for t in range(19):
+        found = view.step(np.full(shape, t / 255, np.float32), elapsed)
+    assert compared == [(max(0, t - back), t) for t in range(1, 19)]
+    steps = -(-18 // back)  # from frame 18 to frame 0
+    np.testing.assert_allclose(found[:2], np.array([[1, 0, steps * reduction], [0, 1, 0]]))
+
+
+def grey(luma: Luma) -> NDArray[np.uint8]:
+    return np.asarray(255 * np.clip(luma, 0, 1) + 0.5, np.uint8)
+
+
+def test_the_motion_of_a_picture_that_grows_too_is_found_without_its_growth() -> None:
+    """The change would not be explained without the growth."""
+    move = cv2.getRotationMatrix2D(((WIDTH - 1) / 2, (HEIGHT - 1) / 2), 0, 1.1)
+    move[0, 2] -= 2
+    now = cv2.warpAffine(scene(), move, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REFLECT)
+    found = view_motion(grey(scene()), grey(np.asarray(now, np.float32)))
+    assert found is not None
+    np.testing.assert_allclose(found[:2], np.array([[1, 0, 2 / 1.1], [0, 1, 0]]), atol=0.15)
+    assert np.hypot(*found[0, :2]) == pytest.approx(1, abs=1e-9)
+
+
+@pytest.mark.parametrize(("shift", "moves"), [(0.1, False), (0.5, True)])
+def test_less_than_a_quarter_of_a_pixel_is_no_motion(shift: float, moves: bool) -> None:
+    before, now = views([(0, 0, 0), (shift, 0, 0)])
+    assert (view_motion(grey(before), grey(now)) is not None) == moves
+
+
+@pytest.mark.parametrize(
+    ("contrast", "plain", "noise", "other", "moves"),
+    [
+        (0.25, 0, 0, 0, True),  # half of the cells have texture
+        (0.2, 0, 0, 0, False),  # a fifth of them
+        (0.6, 0.65, 0, 0, True),
+        (0.6, 0.85, 0, 0, False),
+        (0.6, 0, 0.02, 0, True),  # the motion leaves two thirds of the change, as a median
+        (0.6, 0, 0.03, 0, False),  # it leaves 0.8
+        (0.6, 0, 0, 0.4, True),
+    ],
+)
+def test_the_motion_must_explain_the_change_of_half_of_the_cells_with_texture(
+    contrast: float, plain: float, noise: float, other: float, moves: bool
+) -> None:
+    """The view moves by 2 px; shares of the width are plain, or show an object that moves by 6."""
+    random, shown = np.random.default_rng(1), []
+    for t, seen in enumerate(views([(0, 0, 0), (2, 0, 0)])):
+        luma = 0.5 + contrast / 0.6 * (seen - 0.5) + random.normal(0, noise, seen.shape)
+        luma[:, : round(plain * WIDTH)] = 0.5
+        width = round(other * WIDTH)
+        luma[:, :width] = np.roll(scene(3), -6 * t, 1)[:, :width]
+        shown.append(grey(np.asarray(luma, np.float32)))
+    found = view_motion(*shown)
+    assert (found is not None) == moves
+    if found is not None:
+        np.testing.assert_allclose(found[:2], [[1, 0, -2], [0, 1, 0]], atol=0.2)
 
 
 def test_p_leaves_the_motion_of_the_view_out() -> None:
@@ -221,6 +385,7 @@ def test_neither_growth_nor_noise_nor_a_grating_moves_the_view() -> None:
         [0.5 + 0.3 * np.sin((x + 3 * t) / 4) for t in range(3)],
         [np.full((HEIGHT, WIDTH), 0.5), np.full((HEIGHT, WIDTH), 0.6)],
         [np.full((8, 12), 0.5), texture(8, 12, 0)],
+        [np.full((4, 40), 0.5), texture(4, 40, 0)],
     ]
     for film in films:
         view = SteadyView()
@@ -237,6 +402,17 @@ def test_most_places_decide_about_the_motion() -> None:
     shift, factor = fitted_motion(places, flow)
     assert shift == pytest.approx(1.5 - 2j, abs=0.02)
     assert factor == pytest.approx(1.02 * np.exp(0.01j), abs=5e-4)
+
+
+def test_a_small_majority_decides_about_the_motion() -> None:
+    """47 % of the places are at rest, as a dashboard, and the others move by 4 px."""
+    places = RANDOM.uniform(-50, 50, 200) + 1j * RANDOM.uniform(-50, 50, 200)
+    shift, factor = fitted_motion(places, np.where(np.arange(200) < 95, 0, 4.0 + 0j))
+    assert [shift, factor] == pytest.approx([4, 1], abs=1e-4)
+    # Errors of a tenth of a pixel are those of the flow, so that all places count.
+    shift, _ = fitted_motion(places, np.where(np.arange(200) < 80, 0.1, 0j))
+    assert shift == pytest.approx(0.034, abs=0.004)
+    assert fitted_motion(places[:1], np.array([3 - 1j])) == (3 - 1j, 1)
 
 
 def test_a_motion_in_a_reduced_frame_is_the_same_motion() -> None:
@@ -304,13 +480,14 @@ def test_a_plain_ground_around_an_object_is_no_bar() -> None:
     assert bars.widths == NO_BARS
 
 
-def test_a_strip_with_a_pattern_is_no_bar() -> None:
-    """Its luminance varies by 8 of 255; in a bar it varies by 6 at most."""
+@pytest.mark.parametrize(("levels", "left"), [(7, 0), (3, 40)])
+def test_a_strip_with_a_pattern_is_no_bar(levels: int, left: int) -> None:
+    """With its noise it varies by up to 9 or 5 grey levels; in a bar it varies by 6 at most."""
     bars = Bars()
     for luma in shown(Widths(left=40), 12):
-        luma[::2, :40] += 7 / 255
+        luma[::2, :40] += levels / 255
         bars.step(luma, 1.0)
-    assert bars.widths == NO_BARS
+    assert bars.widths == Widths(left=left)
 
 
 def test_a_step_of_8_levels_is_no_edge_of_a_bar() -> None:
@@ -348,6 +525,28 @@ def test_a_strip_that_becomes_narrower_was_ground_and_no_bar() -> None:
     assert before == Widths(top=15, bottom=15)
 
 
+def test_widths_may_vary_by_a_pixel() -> None:
+    bars = Bars()
+    for t in range(12):
+        [luma] = shown(Widths(left=40 + t % 2), 1)
+        bars.step(luma, 1.0)
+    assert bars.widths == Widths(left=40)
+    # A scene that seems to be part of the bar does not replace it at once.
+    for left in (60, 60, 39, 60):
+        [luma] = shown(Widths(left=left), 1)
+        bars.step(luma, 1.0)
+        assert bars.widths == Widths(left=40)
+
+
+def test_a_frame_of_five_pixels_may_have_a_bar() -> None:
+    bars = Bars()
+    luma = np.zeros((5, 5), np.float32)
+    luma[:, 2:] = 1
+    for _ in range(9):
+        bars.step(luma, 1.0)
+    assert bars.widths == Widths(left=2)
+
+
 def test_a_plain_frame_says_nothing_about_bars() -> None:
     bars = Bars()
     for luma in [*shown(Widths(top=15), 12), *[np.full((HEIGHT, WIDTH), 0.06, np.float32)] * 5]:
@@ -361,5 +560,28 @@ def test_motion_beside_each_side_of_the_picture_is_left_out() -> None:
     expected = np.ones((20, 40))
     expected[3:19, 6:38] = 0
     expected[7:15, 10:34] = 1  # further than 4 px from the edges of the picture
+    for each in maps:
+        np.testing.assert_array_equal(each, expected)
+
+
+def test_motion_reaches_the_edge_of_the_frame_without_a_break() -> None:
+    """A pixel moves if its P is at least 0.02, and 0.3 of the largest P in the first two pixels."""
+    changes = np.array(
+        [
+            [1, 0.4, 0.31, 0.29, 1, 1],
+            [0.03, 0.021, 0.019, 1, 1, 1],
+            [0.5, 0.1, 1, 1, 1, 1],
+            [0.1, 0.1, 1, 0.05, 0.04, 0.029],
+            [0.01, 1, 1, 1, 1, 1],
+        ],
+        np.float32,
+    )
+    change = np.zeros((9, 30), np.float32)
+    change[2:7, :6] = changes
+    maps = [np.ones_like(change) for _ in range(4)]
+    leave_out_entering(maps, change, 8, 2)
+    expected = np.ones_like(change)
+    for row, count in enumerate((3, 2, 1, 5, 0), 2):
+        expected[row, :count] = 0
     for each in maps:
         np.testing.assert_array_equal(each, expected)
