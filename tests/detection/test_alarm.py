@@ -106,6 +106,12 @@ def test_a_hold_of_one_step_holds_over_times_that_are_rounded_to_milliseconds() 
     assert [alarm.step(each, time_s) for time_s, each in shown] == [False, True, True, False]
 
 
+def test_a_hold_is_longer_by_less_than_two_milliseconds_for_rounded_times() -> None:
+    """0.05 s at 240 frames/s: twelve frames after the one that counts."""
+    alarm = Alarm("opplod", BARE.replaced(hold_s=0.05))
+    assert sum(alarm.step(0.0 if t else 2.0, t / 240) for t in range(24)) == 13
+
+
 @pytest.mark.parametrize(("late", "on"), [(0.5, True), (0.5005, True), (0.53125, False)])
 def test_a_step_of_more_than_two_usual_steps_is_a_gap(late: float, on: bool) -> None:
     """One lost frame, a step of two, is no gap, also if times are rounded to milliseconds."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from oppload_cli.models.dpc import DpcParams, excitation, referred
 from oppload_cli.models.layers import Dpc, Layers, Photoreceptors
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import PooledJudgement, has_history
-from oppload_cli.models.timebase import Clock, TimeParams, time_params
+from oppload_cli.models.timebase import Clock, TimeParams, nearly_one, time_params
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.catalogue import load
@@ -156,6 +157,22 @@ def test_times_that_stand_still_or_go_back_count_as_steps() -> None:
     assert clock.now(30.5) == 31
     clock.time_s = None
     assert clock.now(31.0) == 31.5
+
+
+def test_a_clock_that_counts_frames_has_the_frame_rate_and_no_times() -> None:
+    clock = Clock(TimeParams(interval="frame"), 60)
+    assert (clock.per_second, clock.step) == (60, 1)
+    for count, clock.time_s in enumerate((0.05, 0.9, 7.0)):
+        assert clock.now(count - 1.0 if count else None) == count
+    for rate in (None, 0.0, math.inf, math.nan):
+        for interval in ("frame", "1/30"):
+            clock = Clock(TimeParams(interval=interval), rate)
+            assert (clock.per_second, clock.step) == (30, 1)
+
+
+def test_a_step_within_3_percent_of_an_interval_is_an_interval() -> None:
+    assert [nearly_one(each) for each in (0.969, 0.971, 1.029, 1.031)] == [0.969, 1, 1, 1.031]
+    assert [Clock(frame_rate=rate).step for rate in (29.97, 24)] == [1, 1.25]
 
 
 @pytest.mark.parametrize("rate", [10, 30, 240])
