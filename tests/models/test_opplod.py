@@ -268,7 +268,8 @@ def test_the_frame_at_half_its_size_answers_before_two_intervals_have_passed() -
 
 @pytest.mark.once
 @pytest.mark.parametrize(
-    "changes", [{"stride": 2}, {"halved_weight": 1.5}, {"border": 4}, {"light_s": 4}]
+    "changes",
+    [{"stride": 2}, {"halved_weight": 1.5}, {"border": 4}, {"light_s": 4}, {"sudden": 0.5}],
 )
 def test_a_model_of_several_parts_can_be_used_again(changes: dict[str, float]) -> None:
     """There is a bar at the left, and the last frame is the first one in less light."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oppload_cli.models.camera import Widths
+from oppload_cli.models import opposing_motion
+from oppload_cli.models.camera import NO_BARS, Widths
 from oppload_cli.models.detector import Box
 from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.layers import Dpc
@@ -159,6 +160,15 @@ def test_the_winning_unit_is_the_best_one_of_the_maps(axes: int) -> None:
         np.testing.assert_array_equal(maps.pathways[phi], expected)
 
 
+def test_a_grid_has_its_own_numbers_of_columns_and_rows() -> None:
+    """An odd number of units needs an odd number of cells."""
+    params = REFERENCE.replaced(receptive_field=8, cell=8, units="3x2")
+    judgement = PooledJudgement((32, 48), params)
+    assert judgement.maps.responses.shape == (4, 5)
+    rows, columns = (axis.tolist() for axis in np.nonzero(judgement._selected))
+    assert (rows, columns) == ([0] * 3 + [3] * 3, [0, 2, 4] * 2)
+
+
 @pytest.mark.parametrize(
     ("bars", "strip"),
     [
@@ -196,6 +206,40 @@ def test_motion_at_the_edge_of_the_picture_is_left_out_at_half_the_size() -> Non
     np.testing.assert_array_equal(half.sums.pathways[45], expected)
     counts = judgement._pooling[2][1].any(axis=0)  # the border and the bar weigh nothing
     np.testing.assert_array_equal(np.flatnonzero(counts), np.arange(7, 29))
+
+
+@pytest.mark.parametrize(
+    ("border", "reduction", "found"), [(6, 1, (24, 6)), (6, 2, (12, 3)), (1, 2, (12, 1))]
+)
+def test_strips_at_the_edge_are_smaller_at_half_the_size(
+    monkeypatch: pytest.MonkeyPatch, border: int, reduction: int, found: tuple[int, int]
+) -> None:
+    given: list[object] = []
+    monkeypatch.setattr(
+        opposing_motion, "leave_out_entering", lambda _maps, _p, *strips: given.extend(strips)
+    )
+    params = REFERENCE.replaced(receptive_field=30, cell=5, border=border, entering=24)
+    shape = SHAPE[0] // reduction, SHAPE[1] // reduction
+    dpc = layers({phi: np.ones(shape) for phi in range(45, 360, 90)})
+    PooledJudgement(SHAPE, params).opponency(dpc, reduction)
+    assert given == [*found, NO_BARS]
+
+
+def test_motion_without_history_has_no_pathways() -> None:
+    """The left half rests until the latest frame; 6 cells from the right half there is none."""
+    params = REFERENCE.replaced(receptive_field=9, cell=1, pool_sigma=0.0)
+    dpc = Dpc((20, 40), DpcParams(), (45, 135))
+    for t, frame in enumerate(np.random.default_rng(1).random((4, 20, 40), dtype=np.float32)):
+        if t < 3:
+            frame[:, :20] = 0.5
+        dpc.step(frame)
+    for s in dpc.sums.pathways.values():
+        s[:] = 1
+    judgement = PooledJudgement((20, 40), params)
+    judgement.opponency(dpc)
+    for each in judgement.maps.pathways.values():
+        np.testing.assert_array_equal(each[:, :14], 0)
+        np.testing.assert_array_equal(each[:, 14:], 1)
 
 
 def test_the_compression_widens_what_a_thin_edge_gives() -> None:
@@ -273,6 +317,61 @@ def test_persistence_keeps_a_share_of_r_from_frame_to_frame() -> None:
     assert kept.judge(maps).opponency == pytest.approx(0.25 * plain.judge(maps).opponency, rel=1e-5)
     kept.reset()
     assert kept.judge(maps).opponency == pytest.approx(0.25 * plain.judge(maps).opponency, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("elapsed", "largest", "expected"),
+    [
+        (1.0, [1, 1, 0.01, 1, 1, 1], [1, 0, 1, 1, 0, 0]),
+        (0.5, [1, 1, 1, 0.01, 1, 1, 1], [1, 1, 0, 1, 0, 1, 0]),
+    ],
+)
+def test_a_response_is_sudden_if_r_is_small_now_or_was_an_interval_ago(
+    monkeypatch: pytest.MonkeyPatch, elapsed: float, largest: list[float], expected: list[int]
+) -> None:
+    """Small is below 0.15 of R with persistence; R of motion without history does not matter."""
+    params = REFERENCE.replaced(receptive_field=30, cell=5, persistence=0.5, sudden=0.15)
+    judgement = PooledJudgement(SHAPE, params)
+    dpc = layers({phi: np.ones(SHAPE) for phi in range(45, 360, 90)})
+    dpc.photoreceptors.elapsed = elapsed
+    for _ in range(2):
+        sudden = []
+        for each in largest:
+            both = np.zeros((2, *judgement.maps.responses.shape), np.float32)
+            both[:, 3, 4] = each, 10
+            monkeypatch.setattr(judgement, "opponency", lambda *_, both=both: both)
+            sudden.append(judgement.judge(dpc).sudden)
+        assert sudden == [bool(each) for each in expected]
+        judgement.reset()
+
+
+def test_r_at_the_threshold_is_no_response(monkeypatch: pytest.MonkeyPatch) -> None:
+    judgement = PooledJudgement(SHAPE, REFERENCE.replaced(receptive_field=30, cell=5, threshold=1))
+    both = np.ones((2, *judgement.maps.responses.shape), np.float32)
+    monkeypatch.setattr(judgement, "opponency", lambda *_: both)
+    judged = judgement.judge(layers({phi: np.ones(SHAPE) for phi in range(45, 360, 90)}))
+    assert (judged.opponency, judged.response, judged.box) == (1, 0, None)
+    assert judgement.maps.responses.max() == 0
+
+
+@pytest.mark.parametrize(("change", "counts"), [(5e-5, False), (5e-4, True)])
+def test_a_scene_at_rest_is_no_background(change: float, counts: bool) -> None:
+    """At rest the mean of P is below 1e-4."""
+    params = REFERENCE.replaced(
+        receptive_field=30, cell=5, history=0, adaptation_level=1e-6, adaptation_guard_s=0
+    )
+    judgement = PooledJudgement(SHAPE, params)
+    dpc = Dpc(SHAPE, DpcParams(), (45, 135))
+    values = np.random.default_rng(1).random((4, *SHAPE), dtype=np.float32)
+    found = []
+    for t in range(6):
+        ready = dpc.step(np.full(SHAPE, 0.5 + change * t, np.float32))
+        for s, each in zip(dpc.sums.pathways.values(), values, strict=True):
+            s[:] = each
+        if ready:
+            found.append(judgement.judge(dpc).opponency)
+    assert found[0] > 0.1
+    assert found[1:] == pytest.approx([1e-6 if counts else found[0]] * 2, rel=1e-5)
 
 
 def test_the_opponency_at_half_the_size_is_added() -> None:

@@ -225,10 +225,10 @@ def test_s_of_an_edge_is_referred_to_one_interval(speed: float, share: float) ->
 
 @pytest.mark.parametrize("speed", [0.5, 3])
 def test_pooled_motion_is_referred_to_one_interval(speed: float) -> None:
-    """The same edge at 30 and at 15 frames/s; the slow one has S of the square of its speed."""
+    """The same edge at 30, 15 and 36 frames/s; the slow one has S of the square of its speed."""
     params = LPLC2.resolved(240), REFERENCE.replaced(axes=0, history=0).resolved(240)
     arms, pooled = ArmsJudgement((40, 160), params[0]), PooledJudgement((40, 160), params[1])
-    amounts = {rate: np.zeros(2) for rate in (30, 15)}
+    amounts = {rate: np.zeros(2) for rate in (30, 15, 36)}
     for rate, phase in itertools.product(amounts, np.arange(4) / 4):
         layers = Layers((40, 160), Clock())
         dpcs = [layers.dpc(each, (0, 90)) for each in params]
@@ -240,6 +240,7 @@ def test_pooled_motion_is_referred_to_one_interval(speed: float) -> None:
         s = arms.pooled(dpcs[0].layer)[0], pooled.maps.pathways[0]
         amounts[rate] += [each.sum() for each in s]
     assert amounts[15] == pytest.approx(amounts[30], rel=0.1)
+    assert amounts[36] == pytest.approx(amounts[30], rel=0.15)
 
 
 def test_s_over_the_reference_interval_stays_as_it_is() -> None:
