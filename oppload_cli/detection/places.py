@@ -138,10 +138,9 @@ def _top(values: Map, centres: Floats, index: int) -> float:
         return here
     before, top, after = np.log(values[index - 1 : index + 2].astype(np.float64))
     bend = before - 2 * top + after
-    if bend >= 0:
+    if bend == 0:
         return here
-    shift = min(0.5, max(-0.5, 0.5 * float((before - after) / bend)))
-    return here + shift * float(centres[1] - centres[0])
+    return here + 0.5 * float((before - after) / bend) * float(centres[1] - centres[0])
 
 
 @dataclass(eq=False)
@@ -228,8 +227,7 @@ class Places:
             to the first object, unless nothing moves outward on both sides of it.
         """
         self._maps = maps
-        if maps.pathways:
-            self._look(luma, time_s)
+        self._look(luma, time_s)
         found = _peaks(maps, self._params)
         self._products = Products(maps) if found and maps.pathways else None
         oldest = min(time_s - self._params.gap_s - ROUNDING_S, self._before_s)

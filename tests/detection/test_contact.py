@@ -11,6 +11,7 @@ from oppload_cli.detection.growth import Contact, Growth
 from oppload_cli.detection.parameters import PlaceParams
 from tests.detection.showing import LENGTH, SIZE, approaching, remaining, shown
 from tests.media import disk
+from tests.presets import PLACES
 
 if TYPE_CHECKING:
     from oppload_cli.detection.places import Track
@@ -27,6 +28,29 @@ def test_the_error_is_that_of_one_growth() -> None:
         contact.add(t / RATE, 1 / RATE, Growth(k, 0.1 * k**2))
     left = contact.remaining(6 / RATE)
     assert left == pytest.approx((14 / RATE, 0.1 / RATE), rel=1e-9)
+
+
+def test_the_error_of_one_growth_is_a_mean_of_inverse_squares() -> None:
+    contact = Contact(PlaceParams())
+    for t in range(1, 7):
+        k = (20 - t) / (20 - t + 1) - 1
+        contact.add(t / RATE, 1 / RATE, Growth(k, (0.1 if t % 2 else 0.2) * k**2))
+    left = contact.remaining(6 / RATE)
+    assert left == pytest.approx((14 / RATE, math.sqrt(2 / (10**2 + 5**2)) / RATE), rel=1e-9)
+
+
+@pytest.mark.parametrize(("scatter", "known"), [(7.0, True), (7.6, False)])
+def test_the_standard_error_is_at_most_a_fifth_of_the_time(scatter: float, known: bool) -> None:
+    """Every third frame shows growth; contact in 30 frames -+ scatter, after frame 9 in 21.
+
+    The standard error of the mean of four is scatter / sqrt(3): 4.04 or 4.39 of 21.
+    """
+    contact = Contact(PlaceParams())
+    for t in range(0, 10, 3):
+        left = 30 + scatter * (-1) ** t - t
+        contact.add(t / RATE, 1 / RATE, Growth(-1 / (left + 1), 0.1 / (left + 1) ** 2))
+    estimate = contact.remaining(9 / RATE)
+    assert (estimate and estimate[0]) == (pytest.approx(21 / RATE) if known else None)
 
 
 def after(
@@ -125,6 +149,8 @@ def test_the_growth_to_come_is_expected() -> None:
     contact.add(0.5, 0.1, Growth(-1 / 6, SURE))  # contact at 1 s
     assert contact.expected(0.6, 0.5) == pytest.approx(0.4 / 0.5 - 1)
     assert contact.expected(1.1, 0.5) == 0
+    contact.add(0.6, 0.1, Growth(-1 / 4, SURE))  # the latest one counts: contact at 0.9 s
+    assert contact.expected(0.7, 0.6) == pytest.approx(0.2 / 0.3 - 1)
 
 
 @pytest.mark.parametrize(
@@ -193,7 +219,7 @@ def test_three_sure_growths_suffice_where_they_take_long_enough(
 
 
 def test_times_that_stand_still_give_none() -> None:
-    found = shown(approaching(120, 120, 28, 26), rate=math.inf)
+    found = shown(approaching(120, 120, 28, 26), PLACES.replaced(least_s=0), rate=math.inf)
     assert found[25]
     assert not any(track.time_to_contact_s for tracks in found for track in tracks)
 

@@ -55,6 +55,63 @@ def test_a_turn_is_not_taken_for_growth(scale: float, degrees: int) -> None:
     assert error < 0.002
 
 
+@pytest.mark.parametrize("degrees", [-5, 3, 6])
+def test_nor_in_a_region_that_is_three_times_as_wide_as_high(degrees: int) -> None:
+    before = patterned(1, 152, 109, turn=np.radians(degrees))
+    shrinkage, error = grown(patterned(1.05), before, (150, 110, 60, 20))
+    assert shrinkage == pytest.approx(1 / 1.05 - 1, abs=2e-4)
+    assert error < 0.0013
+
+
+@pytest.mark.parametrize(
+    ("contrast", "aspect", "noise"), [(1, 0.5, 0.0), (0.5, 0.5, 0.0), (1, 1.0, 0.02)]
+)
+def test_the_error_is_that_of_least_squares(contrast: float, aspect: float, noise: float) -> None:
+    """Of displacement, shrinkage and turn; one sample in 9 is independent."""
+    region = 150.0, 110.0, 12.0, 12 / aspect
+    now = 0.5 + contrast * (patterned(1) - 0.5)
+    before = now + noise * np.random.default_rng(1).standard_normal(now.shape)
+    samples = Pyramid(now).samples(region, 0).astype(np.float64)
+    down, across = (each * SIDE / 2 for each in np.gradient(samples))  # per half size
+    along = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1
+    x, y = np.meshgrid(along, along)
+    turn = down * x * aspect - across * y / aspect
+    steps = np.array([across, down, across * x + down * y, turn])
+    inside = x**2 + y**2 <= 1
+    inside[[0, -1]] = inside[:, [0, -1]] = False  # they have no neighbour
+    covariance = np.linalg.inv(steps[:, inside] @ steps[:, inside].T)
+    expected = 3 * max(noise, 1 / 255) * np.sqrt(covariance[2, 2])
+    ratio = grown(now, np.asarray(before, np.float32), region).error / expected
+    # Samples between pixels have less noise.
+    assert (0.8 if noise else 1 - 1e-5) < ratio < 1 + 1e-5
+
+
+def test_a_displacement_of_up_to_a_half_size_is_found() -> None:
+    """On a slope of luminance, which every sample shows alike."""
+    slope = np.arange(WIDTH) + np.zeros((HEIGHT, 1))
+    for half_sizes, found in ((0.4, True), (0.9, True), (1.1, False), (2, False)):
+        now, before = (
+            Pyramid(np.asarray(0.1 + 0.002 * (slope + right), np.float32))
+            for right in (0, 60 * half_sizes)
+        )
+        measured = growth(now, before, (200, 110, 60, 50))
+        assert (measured and measured.shrinkage) == (pytest.approx(0, abs=1e-6) if found else None)
+
+
+def test_samples_that_the_earlier_frame_does_not_show_are_left_out() -> None:
+    """The object moved by 12 px; before, its left end was outside the frame."""
+    shrinkage, error = grown(patterned(1.1, 62), patterned(1, 50), (62, 110, 60, 50))
+    assert shrinkage == pytest.approx(1 / 1.1 - 1, abs=2e-3)
+    assert error < 0.002
+
+
+@pytest.mark.parametrize(("x", "found"), [(0, True), (-30, False)])
+def test_both_frames_must_show_15_percent_of_the_samples(x: float, found: bool) -> None:
+    """Half of the region, or a fifth of its width: 37 and 14 % of the samples."""
+    pyramid = Pyramid(patterned(1))
+    assert bool(growth(pyramid, pyramid, (x, 110, 60, 50))) == found
+
+
 def test_a_large_growth_is_found_from_a_start_near_it() -> None:
     now, before = Pyramid(patterned(2.5)), Pyramid(patterned(1))
     found, lost = (growth(now, before, REGION, start) for start in (-0.55, 0.0))
@@ -121,6 +178,15 @@ def test_an_object_without_width_has_a_size() -> None:
     assert (extent.x, extent.y) == pytest.approx((0.5, 8**0.5))
 
 
+def test_points_that_move_along_a_line_but_across_the_axis_are_no_object() -> None:
+    """One moves up, and one beside it down, as in a turn."""
+    up, down = np.zeros((2, 9, 9), np.float32)
+    up[4, 6] = down[4, 2] = 1
+    centres = np.arange(9.0)
+    pathways = {0: 0 * up, 90: up, 180: 0 * up, 270: down}
+    assert Products(UnitMaps(up, pathways, centres, centres, 9, 0)).extent(4, 4, 4, 4) is None
+
+
 def test_samples_are_taken_where_they_are_said_to_be() -> None:
     """On a slope of luminance, at every level."""
     across, down = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
@@ -130,6 +196,13 @@ def test_samples_are_taken_where_they_are_said_to_be() -> None:
     for level in range(4):
         assert pyramid.samples(REGION, level) == pytest.approx(wanted, abs=1e-3)
     assert (pyramid.samples((0, 110, 60, 50), 1)[:, : SIDE // 2 - 1] < 0).all()
+
+
+def test_a_sample_that_the_edge_of_the_frame_cuts_is_outside() -> None:
+    white = Pyramid(np.ones((HEIGHT, WIDTH), np.float32))
+    samples = white.samples((0, 0, 7.7, 9.1), 0)
+    assert set(np.unique(samples[samples >= 0])) == {1}
+    assert np.count_nonzero(samples < 0) > SIDE**2 / 2
 
 
 def test_frames_of_one_pixel_have_all_levels() -> None:
