@@ -136,7 +136,7 @@ class Alarm:
         above = self.evidence > share * self.threshold and not blind
         above = above and (self._on or not sudden)
         enough = self._long_enough(above, time_s, before_s)
-        self._counted = enough and not ended and (self._on or time_s >= self._ready_s - ROUNDING_S)
+        self._counted = enough and not ended and time_s >= self._ready_s - ROUNDING_S
         if self._counted:
             self._until_s = time_s + self.params.hold_s
         was_on, self._on = self._on, self._counted or held

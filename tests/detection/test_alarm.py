@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from oppload_cli.detection.alarm import Alarm
+from oppload_cli.detection.alarm import Alarm, _Steps
 from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.presets import PRESETS
@@ -84,6 +84,15 @@ def test_long_enough_takes_the_same_time_at_any_frame_rate() -> None:
         assert 0.03 <= (on[0] - first) / rate < 0.03 + 1 / rate, rate
 
 
+@pytest.mark.parametrize("zero_s", [0.0, 0.3, 7.77, 1000.0, -50.0])
+def test_evidence_as_old_as_the_window_counts_whatever_the_clock_says(zero_s: float) -> None:
+    """Four frames in 0.09 s, at 100 frames/s, last for three steps: 0.03 s."""
+    alarm = Alarm("opplod", BARE.replaced(enough_s=0.03, window_s=0.09))
+    shown = [2.0 if t in {0, 3, 6, 9} else 0.0 for t in range(11)]
+    on = [t for t, each in enumerate(shown) if alarm.step(each, zero_s + t / 100)]
+    assert on == [9]
+
+
 def test_long_enough_is_within_the_window() -> None:
     with pytest.raises(ParameterError, match="'enough_s' of alarm must be at most 'window_s'"):
         AlarmParams(enough_s=0.5, window_s=0.4)
@@ -110,6 +119,21 @@ def test_a_hold_is_longer_by_less_than_two_milliseconds_for_rounded_times() -> N
     """0.05 s at 240 frames/s: twelve frames after the one that counts."""
     alarm = Alarm("opplod", BARE.replaced(hold_s=0.05))
     assert sum(alarm.step(0.0 if t else 2.0, t / 240) for t in range(24)) == 13
+
+
+@pytest.mark.parametrize(
+    ("steps", "late", "gap"),
+    [([], 0.19, False), ([], 0.21, True), ([0.2] * 8 + [0.1] * 7, 0.3, False),
+     ([0.2] * 8 + [0.1] * 8, 0.3, True)],
+)  # fmt: skip
+def test_the_usual_step_is_the_median_of_the_latest_fifteen(
+    steps: list[float], late: float, gap: bool
+) -> None:
+    """Before any step it is 0.1 s; a gap is longer than two of them."""
+    found = _Steps()
+    for time_s in np.cumsum([0, *steps]).tolist():
+        assert found.gap_s(time_s) == 0
+    assert found.gap_s(time_s + late) == (pytest.approx(late) if gap else 0)
 
 
 @pytest.mark.parametrize(("late", "on"), [(0.5, True), (0.5005, True), (0.53125, False)])
@@ -157,6 +181,12 @@ def test_no_alarm_goes_on_within_the_refractory_time() -> None:
     responses = [2.0, 0, 2, 2, 2, 0, 2, 2, 2]
     assert alarms(responses, BARE.replaced(refractory_s=4 / RATE)) == [0, 6, 7, 8]
     assert alarms([*responses[:5], 2.0], BARE.replaced(refractory_s=4 / RATE)) == [0, 5]
+
+
+def test_a_refractory_time_of_one_step_ends_over_times_that_are_rounded_to_milliseconds() -> None:
+    alarm = Alarm("opplod", BARE.replaced(refractory_s=1 / 30))
+    shown = ((0.033, 2.0), (0.067, 0.0), (0.1, 2.0))
+    assert [alarm.step(each, time_s) for time_s, each in shown] == [True, False, True]
 
 
 def test_blind_frames_do_not_count() -> None:
@@ -240,7 +270,7 @@ def test_the_zero_of_the_clock_changes_no_alarm(rate: int) -> None:
     responses = [2.0 if at in {1, 3} else 0.0 for at in range(5) for _ in range(rate // 2)]
     for preset in ("default", "reference"):
         found = set()
-        for zero_s in (0.0, 0.1, 7.77, 1000.0, 1e5):
+        for zero_s in (0.0, 0.1, 7.77, 1000.0, 1e5, -50.0):
             alarm = Alarm("opplod", alarm_params(preset))
             on = [alarm.step(each, zero_s + t / rate) for t, each in enumerate(responses)]
             found.add(tuple(on))
