@@ -14,7 +14,7 @@ from oppload_cli import open_video
 from oppload_cli.detection.parameters import AlarmParams
 from oppload_cli.models.timebase import TimeParams
 from oppload_cli.pipeline.one_pass import PassParams, Preparation
-from oppload_cli.pipeline.repeats import EXACT, Repeat, RepeatParams, Repeats
+from oppload_cli.pipeline.repeats import EXACT, Repeat, RepeatParams, Repeats, _Change
 from oppload_cli.video.frames import Frame
 from tests.media import texture, write_video
 
@@ -155,6 +155,136 @@ def test_a_start_with_exact_and_near_repeats_is_no_rest() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("mean", "largest", "strict", "lenient"),
+    [
+        (0.34, 0.34, True, True),
+        (0.36, 0.2, False, True),
+        (0.2, 0.36, False, True),
+        (0.69, 0.17, False, True),
+        (0.17, 0.69, False, True),
+        (0.71, 0.1, False, False),
+        (0.1, 0.71, False, False),
+        (0.5, 0.26, False, False),
+    ],
+)
+def test_both_values_of_a_change_are_below_a_share_or_in_a_cadence_their_geometric_mean(
+    mean: float, largest: float, strict: bool, lenient: bool
+) -> None:
+    """The share is 0.35: its square is 0.1225, and 0.5 * 0.26 is 0.13."""
+    change, other = _Change(0.1 * mean, 0.3 * largest), _Change(0.1, 0.3)
+    found = [change.below(0.35, other, lenient=each) for each in (False, True)]
+    assert found == [strict, lenient]
+    repeats = Repeats(RepeatParams())
+    for cadence in (strict, lenient):
+        repeats._usual.extend([other] * 3)
+        assert repeats._is_drop(change) == cadence
+        repeats._proofs.extend([(0.0, 1)] * 2)
+
+
+def test_the_usual_change_is_a_median_or_before_a_cadence_a_large_one() -> None:
+    repeats = Repeats(RepeatParams())
+    repeats._usual.extend(_Change(x / 100, x / 10) for x in (9, 8, 1, 4, 4, 4, 2, 1))
+    assert repeats._usual_change() == (0.04, 0.4)  # the second largest of the latest 6
+    repeats._proofs.extend([(0.0, 1)] * 2)
+    assert repeats._usual_change() == (0.02, 0.2)  # the median of the latest 3
+
+
+@pytest.mark.parametrize(
+    ("usual", "largest", "change", "proved"),
+    [
+        (0.2, 0.01, 0.075, False),  # the change rises to 0.4 of the usual change
+        (0.2, 0.01, 0.085, True),
+        (0.0, 0.001, 0.007, False),  # or to the least change
+        (0.0, 0.001, 0.009, True),
+        (0.2, 0.036, 0.1, False),  # the run is below 0.35 of it
+        (0.2, 0.034, 0.1, True),
+    ],
+)
+def test_a_run_is_proved_by_a_change_that_rises(
+    usual: float, largest: float, change: float, proved: bool
+) -> None:
+    repeats = Repeats(RepeatParams())
+    repeats._usual.extend([_Change(usual, usual)] * (usual > 0))
+    repeats._run, repeats._before_s, repeats._largest = 2, 0.1, _Change(largest, largest)
+    repeats._end_run(_Change(change, change), 0.15)
+    assert list(repeats._proofs) == [(0.15, 2)] * proved
+    # One value of the run may reach 0.7 of the change. Of runs in a cadence the proved ones count.
+    repeats._proofs.extend([(0.0, 1)] * 2)
+    for mean in (0.06, 0.08):
+        repeats._run, repeats._largest = 3, _Change(mean, 0.01)
+        repeats._end_run(_Change(0.1, 0.2), 0.15)
+    assert (repeats._proofs[-1], len(repeats._proofs)) == ((0.15, 3), 3 + proved)
+    assert (repeats._pictures, repeats._repeats) == (1, 3)
+
+
+def test_a_proof_counts_for_two_seconds_and_a_run_for_itself() -> None:
+    one, other = np.zeros((2, 4, 4), np.float32)
+    other[0, 0] = 1
+    for time_s, cadence in ((1.95, True), (2.05, False)):
+        repeats = Repeats(RepeatParams())
+        repeats.step(one, 0.0)
+        repeats._proofs.extend([(0.0, 1), (1.9, 1)])
+        repeats.step(other, time_s)
+        assert repeats.is_cadence == cadence
+        repeats._largest = _Change(1, 1)
+        repeats.step(other.copy(), time_s + 0.01)
+        assert repeats._largest == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "shown_s", "told_s"),
+    [
+        (1.02, 0.9, 1.0),  # up to a frame late
+        (1.07, 0.9, 1.0 + 0.1 * 0.03),  # 0.07 s late, of which 0.04 s are a frame
+        (0.98, 0.9, 1.0 - 0.1 * 0.02),  # early
+        (1.11, 0.9, 1.11 - 2 * 0.04),  # at most two frames late
+        (1.02, 0.99, 0.99 + 0.02),  # half a frame after the frame shown before
+        (0.94, 0.9, 0.94 + 0.04),  # at most a frame early
+    ],
+)
+def test_an_even_time_is_pulled_into_the_frame_before_the_picture(
+    time_s: float, shown_s: float, told_s: float
+) -> None:
+    """The picture before was taken at 0.9 s; pictures last for 0.1 s, and frames for 0.04 s."""
+    repeats = Repeats(RepeatParams())
+    repeats._proofs.extend([(0.0, 1)] * 2)
+    repeats._picture_s = time_s - 0.1
+    repeats._even_s, repeats._shown_s, repeats._before_s = 0.9, shown_s, time_s - 0.04
+    assert repeats._even_time(time_s) == pytest.approx(told_s)
+
+
+def test_the_first_pictures_get_even_times_by_all_lengths_of_the_cadence() -> None:
+    """20 pictures/s in 30 frames/s: known after frame 5, when two pictures have lasted twice."""
+    random = np.random.default_rng(1)
+    pictures = random.uniform(0.3, 0.7, (9, 15, 15))
+    indices = np.repeat(np.arange(9), np.resize([1, 2], 9))
+    shown = [
+        np.asarray(pictures[k] + random.normal(0, 1e-3, (15, 15)), np.float32) for k in indices
+    ]
+    repeats = Repeats(RepeatParams())
+    known = 0
+    while not repeats.is_cadence:
+        repeats.step(shown[known], known / 30)
+        known += 1
+    found = repeats.again([(shown[k], k / 30) for k in range(known)])
+    told = [k + 30 * each.shift_s for k, each in enumerate(found) if not each.passed_over]
+    assert np.diff(told) == pytest.approx(np.full(len(told) - 1, 1.5), abs=0.15)
+    counts = repeats._pictures, repeats._repeats, repeats._frames
+    assert counts == (len(told) - 1, known - len(told), known)
+
+
+def test_a_second_cadence_does_not_use_the_intervals_of_the_first() -> None:
+    """10 and 15 pictures/s, with 2.5 s of 30 pictures/s in between."""
+    lasts = [3] * 10 + [1] * 75 + [2] * 10
+    pictures = np.random.default_rng(1).uniform(0.3, 0.7, (95, 15, 15)).astype(np.float32)
+    repeats = Repeats(RepeatParams())
+    frames = enumerate(np.repeat(pictures, lasts, axis=0))
+    found = [(k, repeats.step(frame, k / 30)) for k, frame in frames]
+    told = [k + 30 * each.shift_s for k, each in found if not each.passed_over]
+    assert np.diff(told)[-8:] == pytest.approx(np.full(8, 2), abs=1e-6)
+
+
 def test_the_first_repeats_are_recognised_once_the_cadence_is_known() -> None:
     shown = converted(24)
     repeats = Repeats(RepeatParams())
@@ -202,6 +332,42 @@ def test_a_few_exact_repeats_are_repeats_and_many_are_a_still_scene() -> None:
     at_rest = Repeat(EXACT)
     assert found == [picture, alone, picture, alone, alone, RESTED, at_rest, picture]
     assert repeats.exact == 5
+
+
+def test_a_change_at_the_border_is_no_exact_repeat() -> None:
+    """Cells of 2 px leave out the last row and column of 31 x 31 px."""
+    repeats = Repeats(RepeatParams())
+    one = np.full((31, 31), 0.5, np.float32)
+    other = one.copy()
+    other[:, 30] = 0.6
+    assert [repeats.step(each, k / 30).kind for k, each in enumerate((one, other, other))] == [
+        "", "", EXACT
+    ]  # fmt: skip
+
+
+def stepped(levels: Sequence[float]) -> list[str]:
+    """Return the remarks on uniform pictures of these luminances at 30 frames/s."""
+    repeats = Repeats(RepeatParams())
+    for k, level in enumerate(levels):
+        repeats.step(np.full((4, 4), level, np.float32), k / 30)
+    return repeats.remarks(30)
+
+
+def test_remarks_on_pictures_without_change_or_contrast() -> None:
+    level = np.linspace(0.5, 0.539, 31)
+    assert "all luminance lies between 0.500 and 0.539" in stepped([*level])[0]
+    assert stepped([*level, 0.541]) == []
+    assert stepped([*level[:30]]) == []  # shorter than a second
+    assert "all pictures are the same" in stepped([0.5] * 31)[0]
+    assert stepped([0.4, *[0.5] * 31]) == []
+
+
+def test_a_twentieth_of_repeats_makes_a_remark() -> None:
+    repeats = Repeats(RepeatParams())
+    assert repeats.pictures_per_s(30) is None
+    repeats._frames, repeats._pictures = 100, 15
+    for repeats._repeats, pictures in ((4, None), (5, 22.5)):
+        assert repeats.pictures_per_s(30) == pictures
 
 
 def test_a_picture_that_is_kept_stands_still_too() -> None:
