@@ -51,6 +51,20 @@ def test_s_over_two_intervals_is_halved() -> None:
     assert responses[1] == pytest.approx(responses[0] / 2**4, rel=1e-5)
 
 
+def test_the_opponency_is_the_sum_of_the_products_of_the_best_unit() -> None:
+    """Each product counts in both orders."""
+    params = PAPER.replaced(receptive_field=20, units="1x1", threshold=0.25)
+    dpc = Layers((20, 20), Clock()).dpc(params, params.both_axes).layer
+    for s in dpc.sums.pathways.values():
+        s[:] = 0.5
+    dpc.sums.pathways[45][:] = 0.75
+    judged = PixelwiseJudgement((20, 20), params).judge(dpc)
+    assert (judged.opponency, judged.response) == pytest.approx((2 * 400 * 0.375, 800 * 0.375**2))
+    dpc.sums.pathways[45][:] = 0.5
+    judged = PixelwiseJudgement((20, 20), params).judge(dpc)
+    assert (judged.opponency, judged.response, judged.box) == (0, 0, None)
+
+
 def test_the_grid_covers_the_frame() -> None:
     model = Opplod((600, 800), PAPER)
     assert isinstance(model.judgement, PixelwiseJudgement)

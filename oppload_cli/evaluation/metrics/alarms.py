@@ -97,10 +97,11 @@ class Thresholds:
         """
         # At very low thresholds all alarms merge into one that never ends, so the rate falls again.
         # Therefore the search stops at the first level with too many false alarms.
-        over = self.rates(weights) > rate + 1e-9
-        if not len(over) or not weights @ self.minutes:
+        rates = self.rates(weights)
+        if np.isnan(rates).all():
             return float("nan")
-        return float(self.levels[int(over.argmax()) - 1 if over.any() else -1])
+        # If no level has too many, `argmax` is 0, and the level is the last one: the lowest.
+        return float(self.levels[int((rates > rate + 1e-9).argmax()) - 1])
 
     def detected(self, threshold: float) -> Numbers:
         """Return which approaches are detected at a threshold, faster than `outcomes` does.
@@ -282,9 +283,8 @@ def _measurements(
         of_kind = (kinds == kind) | (kind == "")
 
         def per_minute(each: _Outcomes, weights: Weights, of_kind: Flags = of_kind) -> float:
-            counted = of_kind & ~np.isnan(each.false_alarms)
-            total = float(minutes[counted] @ weights[counted])
-            count = float(each.false_alarms[counted] @ weights[counted])
+            total = float(minutes[of_kind] @ weights[of_kind])
+            count = float(each.false_alarms[of_kind] @ weights[of_kind])
             return count / total if total else float("nan")
 
         counted = of_kind & ~np.isnan(outcomes.false_alarms)

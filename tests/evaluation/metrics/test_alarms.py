@@ -110,6 +110,21 @@ def test_detection_and_lead_at_a_threshold() -> None:
     assert np.isnan(thresholds.outcomes(9).lead_s).all()
 
 
+def test_a_later_approach_in_a_video_needs_an_alarm_of_its_own() -> None:
+    """The alarm of the first one lasts through the second one, or ends in it at frame 42."""
+    response = peaks(60, dict.fromkeys(range(25, 42), 2.0) | {45: 2.0, 50: 3.0})
+    for contact, expected in ((41, np.nan), (50, 1)):
+        first, second = clip(response, 20, 30), clip(response, 31, contact)
+        second = replace(second, label=replace(second.label, since=31))
+        thresholds = Thresholds([first, second], NAME)
+        np.testing.assert_array_equal(thresholds.detected(1.9), [1, expected])
+        for level in (0.0, 1.9, 2.0, 3.0):
+            detected = thresholds.outcomes(level).detected
+            np.testing.assert_array_equal(thresholds.detected(level), detected)
+    assert thresholds.outcomes(1.9).lead_s.tolist() == pytest.approx([0.5, 0.5])
+    assert thresholds.detected(2.5).tolist() == [0, 1]
+
+
 def test_a_threshold_is_compared_with_the_evidence() -> None:
     response, evidence = peaks(401, {50: 2.5, 398: 1.5}), peaks(401, {50: 2.5, 397: 15.0})
     weak = clip(response, 303, 400)
@@ -189,6 +204,23 @@ def test_without_a_false_alarm_the_rate_of_a_kind_is_bounded_by_its_own_footage(
     found = {one.condition: one for one in shipped(seen, NAME, DRAWS[:, :2]).measurements}
     bounds = {kind: found[f"alarm as shipped{kind}"].high for kind in ("", ", still", ", pan")}
     assert bounds == pytest.approx({"": 3 / 3, ", still": 3 / 1, ", pan": 3 / 2})
+
+
+def test_each_draw_has_its_own_false_alarms_and_footage() -> None:
+    """Two alarms in a minute and one in two minutes; a third clip has no footage of its own."""
+    seen = [
+        clip([0.0] * 603, alarm=[50, 100]),
+        clip([0.0] * 1203, alarm=[500]),
+        clip([0.0] * 60, 3, 50),
+    ]
+    draws = np.array([[2, 0, 1], [0, 2, 1], [1, 1, 1]])
+    [all_kinds, of_kind] = (
+        one for one in shipped(seen, NAME, draws).measurements if "false_alarms" in one.measure
+    )
+    for rate in (all_kinds, of_kind):
+        assert (rate.value, rate.low, rate.high, rate.n) == pytest.approx((1, 0.5, 2, 2))
+    threshold = Thresholds(seen, NAME).at_rate(1.0, draws).measurements[-1]
+    assert (threshold.measure, threshold.n) == ("threshold", 2)
 
 
 def test_the_alarm_as_shipped() -> None:

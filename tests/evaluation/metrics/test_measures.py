@@ -37,6 +37,9 @@ def test_a_clip_of_its_own_video_shares_the_number_of_no_other() -> None:
     first, second, third, fourth = videos_of(clips).tolist()
     assert first == third
     assert len({first, second, fourth}) == 3
+    last, first, second, third = videos_of([clips[3], *clips[:3]]).tolist()
+    assert first == third
+    assert len({last, first, second}) == 3
 
 
 def test_clips_of_one_video_are_drawn_together() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from oppload_cli.evaluation.metrics.clips import curves_of
+from oppload_cli.evaluation.metrics.clips import Window, curves_of
 from tests.evaluation.make import NAME, clip, peaks
 
 
@@ -35,6 +35,14 @@ def test_the_lead_counts_to_the_next_contact_and_is_0_at_it() -> None:
     leads = [replace(seen, label=label).lead(frame) for frame in (8, 10, 11, 20, 25)]
     assert leads == pytest.approx([0.2, 0, 0.9, 0, 0])
     assert seen.lead(24) == pytest.approx(0.1)
+
+
+def test_frames_that_a_clip_does_not_have_make_no_window() -> None:
+    assert Window(1, 3).score(np.array([9.0, 1, 2, 9])) == 2
+    assert clip([0.0] * 60, 1, 50).approach == (3, 51)
+    assert clip([0.0] * 60, 50, 70).window_before_contact() is None
+    assert clip([0.0] * 5, 3, 4).window_before_contact(12) is None
+    assert clip([0.0]).seconds(0, 1) == 0
 
 
 def test_windows_about_an_approach() -> None:
@@ -89,6 +97,7 @@ def test_a_curve_by_hand() -> None:
     assert found is not None
     assert found.false_rate.tolist() == [0, 0, 0.5, 0.5, 1]
     assert found.true_rate.tolist() == [0, 0.5, 0.5, 1, 1]
+    assert found.precision.tolist() == pytest.approx([1, 1, 1 / 2, 2 / 3, 1 / 2])
     assert found.auc == 0.75
     assert found.average_precision == pytest.approx((1 + 2 / 3) / 2)
 
