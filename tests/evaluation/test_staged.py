@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -264,7 +265,7 @@ def test_outcomes_by_condition() -> None:
     clips = [
         truthful(high, {"kind": "collision", "speed": "3 m/s"}, 15),
         truthful(calm, {"kind": "collision", "speed": "12 m/s"}, 15),
-        truthful([0.0] * 10 + [9.0] + [0.0] * 9, {"kind": "near miss"}),
+        truthful([0.0] * 3 + [9.0] + [0.0] * 12 + [9.0] + [0.0] * 3, {"kind": "near miss"}),
         truthful(calm, {"kind": "near miss", "speed": "12 m/s"}),
         truthful(calm, {"kind": "pan"}),
     ]
@@ -281,8 +282,25 @@ def test_outcomes_by_condition() -> None:
     assert found["alarmed_share", f"{at}, kind pan"][3:] == never
     assert found["alarmed_share", at].value == pytest.approx(1 / 3)
     assert ("alarmed_share", f"{at}, speed 12 m/s") not in found
+    assert ("detection_rate", f"{at}, kind pan") not in found
+    assert not any(condition.endswith("speed ") for _, condition in found)
     speeds = [condition for _, condition in found if "speed" in condition]
     assert speeds.index(f"{at}, speed 3 m/s") < speeds.index(f"{at}, speed 12 m/s")
+
+
+def test_a_detector_without_alarms_has_no_share_of_alarmed_clips() -> None:
+    seen = truthful([0.0] * 20, {"kind": "pan"})
+    silent = replace(seen, outputs={"d": replace(seen.outputs["d"], alarm=None)})
+    for one, conditions in ((seen, 4), (silent, 2)):
+        found = measured([one], "d", draws_of([False], 9)).measurements
+        assert sum(each.measure == "alarmed_share" for each in found) == conditions
+
+
+@pytest.mark.parametrize(("estimate", "share"), [(0.33, 1), (0.31, 0), (0.47, 1), (0.49, 0)])
+def test_a_time_to_contact_may_be_wrong_by_a_fifth(estimate: float, share: float) -> None:
+    seen = truthful([1.0] * 20, {"kind": "a"}, 15, (0, 0, 9, 9), estimate)  # in truth 0.4 s
+    found = {one.measure: one for one in measured([seen], "d", draws_of([True], 9)).measurements}
+    assert found["contact_within"].value == share
 
 
 def test_boxes_and_times_to_contact_are_held_to_the_truth() -> None:

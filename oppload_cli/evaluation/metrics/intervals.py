@@ -98,9 +98,9 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
     Parameters
     ----------
     share : float
-        Share of `count` outcomes, 0 to 1.
+        Share of `count` outcomes, 0 to 1; NaN without an outcome.
     count : int
-        Number of outcomes, at least 0.
+        Number of outcomes.
     low, high : float
         The interval of the bootstrap.
 
@@ -110,7 +110,7 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
         For a share of 0 or 1 at least the interval of Clopper and Pearson (1934, Biometrika
         26:404); else `low` and `high`.
     """
-    if not count or share not in {0.0, 1.0}:
+    if share not in {0.0, 1.0}:
         return low, high
     reach = ((100 - LEVEL) / 200) ** (1 / count)
     return (min(low, reach), 1.0) if share else (0.0, max(high, 1 - reach))
@@ -192,4 +192,4 @@ def weighted_median(values: Numbers, weights: Weights) -> float:
         return float("nan")
     # Several times as fast as np.median, which the draws of the bootstrap would call too often.
     low, high = repeated[(len(repeated) - 1) // 2], repeated[len(repeated) // 2]
-    return float(low if low == high else (low + high) / 2)
+    return float((low + high) / 2)

@@ -275,6 +275,13 @@ def test_outcomes_that_all_agree_are_not_certain(
     assert share_interval(share, count, low, high) == pytest.approx(expected, abs=5e-4)
 
 
+def test_the_bootstrap_may_give_a_share_a_wider_interval() -> None:
+    """Each draw may have another threshold, so that not all draws agree."""
+    assert share_interval(1.0, 10, 0.4, 1.0) == (0.4, 1)
+    assert share_interval(0.0, 10, 0.0, 0.6) == (0, 0.6)
+    assert share_interval(np.nan, 0, 0.1, 0.2) == (0.1, 0.2)
+
+
 @pytest.mark.parametrize("events_seen", [1, 2, 5, 40])
 def test_the_interval_of_a_rate_is_that_of_garwood(events_seen: int) -> None:
     low, high = rate_interval(events_seen, 2.0)

@@ -14,7 +14,13 @@ from oppload_cli.evaluation.metrics.intervals import (
     weighted_mean,
     weighted_median,
 )
-from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, measured, of_places, places
+from oppload_cli.evaluation.metrics.measures import (
+    FRAME_CENTRE,
+    _order,
+    measured,
+    of_places,
+    places,
+)
 from tests.evaluation.make import NAME, clip, peaks
 
 if TYPE_CHECKING:
@@ -59,6 +65,7 @@ def test_an_interval_is_that_of_the_draws() -> None:
     low, high = interval(np.array([np.nan, np.nan, 1.0]))
     assert np.isnan([low, high]).all()
     assert interval(np.array([np.nan, 1.0])) == (1, 1)  # half of them are enough
+    assert np.isnan(interval(np.empty(0))).all()
 
 
 def test_the_median_of_weighted_values() -> None:
@@ -91,7 +98,8 @@ def test_an_approach_stands_out_against_clips_without_one_alone() -> None:
     """The first approach has 0.3 s before it: 9 over the median 3; the second one has 5 over 5."""
     approaches = [clip(peaks(60, {8: 9.0}), 6, 50), clip(peaks(60, {20: 5.0, 45: 5.0}), 40, 50)]
     calm = [clip(peaks(60, {20: peak})) for peak in (1.0, 3.0, 30.0)]
-    draws = draws_of([True, True, False, False, False], 9)
+    calm.append(clip(peaks(7, {5: 2.0})))  # less than half a second
+    draws = draws_of([True, True, False, False, False, False], 9)
     found = {one.measure: one for one in measured([*approaches, *calm], NAME, draws).measurements}
     assert found["distinct_ratio"].value == (9 / 3 + 5 / 5) / 2
 
@@ -175,8 +183,15 @@ def test_every_measurement_of_a_perfect_detector() -> None:
     assert found["roc_auc", last].n == 2 + 30 + 2 * 8
     for frames, share in ((0, 1.0), (4, 1.0), (8, 0.5), (12, 0.5)):
         assert found["ordered_pairs", f"{frames} frames before contact"].value == share
+    # Each of the two approaches has 7 windows of a second and one of 0.8 s before its last one.
+    assert found["ordered_pairs", "0 frames before contact"].n == 2 * 8
     assert found["distinct_ratio", "median over clips"].value == np.inf
     assert found["detection_rate", "alarm as shipped"].value == 0  # it has no alarm of its own
+
+
+def test_values_of_a_condition_are_sorted_by_their_first_number() -> None:
+    ordered = ["-1.5", "at rest", "3,5 m", "side 4", "12 m/s"]
+    assert sorted(sorted(ordered), key=_order) == ordered
 
 
 def test_the_interval_of_an_area_is_that_of_drawn_clips() -> None:
