@@ -328,6 +328,18 @@ def test_boxes_and_times_to_contact_are_held_to_the_truth() -> None:
     assert found["contact_within"][3:] == pytest.approx((1, 0.025, 1, 1))
 
 
+def test_the_error_of_a_clip_is_the_median_of_the_frames_that_give_a_time() -> None:
+    """The errors are 0, 0.1 and 0.6; the box is only in a frame before the first response."""
+    seen = truthful([np.nan] * 12 + [1.0] * 8, {"kind": "a"}, 15, (0, 0, 9, 9))
+    seen.label.contacts.update({11: 0.4, 12: 0.3, 13: 0.2, 14: 0.1, 99: 0.2})
+    times = seen.outputs["d"].contact_s
+    assert times is not None
+    times[11:15] = 0.4, 0.33, np.nan, 0.16
+    found = {one.measure: one for one in measured([seen], "d", draws_of([True], 9)).measurements}
+    assert found["contact_error"].value == pytest.approx(0.1)
+    assert "box_overlap" not in found
+
+
 @pytest.mark.parametrize(("left_s", "clips"), [(0.0, 0), (0.1, 1), (0.5, 1), (0.6, 0)])
 def test_half_a_second_before_contact_is_of_the_last_half_second(left_s: float, clips: int) -> None:
     seen = truthful([1.0] * 20, {"kind": "a"}, 15, estimate=0.4)
@@ -339,7 +351,7 @@ def test_half_a_second_before_contact_is_of_the_last_half_second(left_s: float, 
 
 @pytest.mark.parametrize(
     ("box", "overlap"),
-    [((0, 0, 10, 20), 1 / 2), ((5, 0, 10, 10), 1 / 3), ((10, 0, 5, 5), 0), ((0, 0, 10, 10), 1)],
+    [((0, 0, 10, 20), 1 / 2), ((5, 0, 10, 10), 1 / 3), ((20, 20, 5, 5), 0), ((0, 0, 10, 10), 1)],
 )
 def test_the_overlap_of_a_box_with_that_of_the_truth(
     box: tuple[float, ...], overlap: float

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.errors import ParameterError
+from oppload_cli.errors import FrameError, ParameterError
 from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams
@@ -111,6 +111,33 @@ def test_a_frame_that_was_dropped_makes_the_interval_longer() -> None:
     assert layer.means == pytest.approx([means[0], means[1], means[2] / 2])
 
 
+@pytest.mark.parametrize(("before", "share"), [(1.2, 1 / 1.9), (1.1, 1 / 0.8)])
+def test_a_frame_may_be_too_young_by_a_quarter_of_an_interval(before: float, share: float) -> None:
+    """Else the frame 1.9 intervals ago counts, though it is three times further from one."""
+    layer = seen([0, before / 30, 1.9 / 30], numbered(3))
+    assert layer.share == pytest.approx(share)
+
+
+def test_after_a_reset_motion_lasts_whatever_rested_before() -> None:
+    layer = seen([t / 30 for t in range(20)], numbered(1) * 20)
+    assert not layer.motion_lasts
+    layer.reset()
+    for t, frame in enumerate(numbered(5)):
+        layer._clock.time_s = t / 30
+        layer.step(frame)
+    assert layer.motion_lasts
+
+
+def test_luminance_above_2_in_the_first_frames_is_an_error() -> None:
+    layer = Photoreceptors((2, 3))
+    for t in range(4):
+        if t < 3:
+            with pytest.raises(FrameError, match="divide 8-bit values by 255"):
+                layer.step(np.full((2, 3), 2.1, np.float32))
+        layer.step(np.full((2, 3), 1.9, np.float32))
+    layer.step(np.full((2, 3), 2.1, np.float32))
+
+
 def test_of_very_many_frames_some_are_kept() -> None:
     frames = numbered(400)
     layer = seen([t / 3000 for t in range(400)], frames)
@@ -140,12 +167,25 @@ def test_a_lower_rate_counts_after_a_few_steps_and_a_higher_one_after_many() -> 
         assert layer.usual_step == 1
 
 
+def test_before_the_second_step_the_declared_rate_counts() -> None:
+    clock = Clock(frame_rate=60)
+    layer = Photoreceptors((2, 3), 1, clock)
+    steps = []
+    for t, frame in enumerate(numbered(4)):
+        clock.time_s = t / 30
+        layer.step(frame)
+        steps.append(layer.usual_step)
+    assert steps == [0.5, 0.5, 1, 1]
+
+
 def test_coarse_changes_are_means_over_squares_centred_in_the_frame() -> None:
     now = np.random.default_rng(5).random((11, 14), dtype=np.float32)
     layer = seen([0, 1 / 30], [np.zeros_like(now), now])
     expected = now[1:9, 1:13].reshape(2, 4, 3, 4).mean(axis=(1, 3))
     np.testing.assert_allclose(layer.coarse((2, 3))[0], expected, rtol=1e-6)
     np.testing.assert_allclose(layer.coarse((1, 1))[0], now[:, 1:12].mean(), rtol=1e-6)
+    # More squares than pixels.
+    np.testing.assert_allclose(layer.coarse((22, 28))[0][::2, ::2], now, atol=1e-6)
 
 
 def test_times_that_stand_still_or_go_back_count_as_steps() -> None:
