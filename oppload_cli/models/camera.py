@@ -210,7 +210,7 @@ def view_motion(before: Grey, now: Grey) -> Motion | None:
     turn = cmath.rect(1, cmath.phase(factor))
     if abs(shift) + abs(turn - 1) * abs(middle) < _LEAST_MOTION_PX:
         return None
-    seen = seen_from(before, _matrix(shift, factor, middle), np.zeros_like(before))
+    seen = seen_from(before, _matrix(shift, factor, middle), 0)
     left, change = (_cell_means(cv2.absdiff(now, each))[textured] for each in (seen, before))
     if np.mean(left < _LEFT * change) < _LEAST_EXPLAINED:
         return None
@@ -271,10 +271,7 @@ def reduced(motion: Motion, reduction: float) -> Motion:
 
 
 def seen_from(
-    values: NDArray[Any],
-    motion: Motion,
-    outside: NDArray[Any],
-    interpolation: int = cv2.INTER_CUBIC,
+    values: NDArray[Any], motion: Motion, outside: float, interpolation: int = cv2.INTER_CUBIC
 ) -> NDArray[Any]:
     """Return a map of an earlier frame as a later view shows it.
 
@@ -284,14 +281,16 @@ def seen_from(
         The map.
     motion : ndarray, shape (3, 3)
         From places in the later frame to places in the earlier one.
-    outside : ndarray of the same type and shape
-        Values at the places that the earlier frame does not show.
+    outside : float
+        Value at the places that the earlier frame does not show.
     interpolation : int
         OpenCV's constant; cubic interpolation blurs textures less than linear, in 4 times the time.
     """
-    flags = interpolation | cv2.WARP_INVERSE_MAP
-    size = values.shape[::-1]
-    return cv2.warpAffine(values, motion[:2], size, outside.copy(), flags, cv2.BORDER_TRANSPARENT)
+    # Not BORDER_TRANSPARENT: with cubic interpolation, OpenCV 5 takes values of other places there.
+    flags, size = interpolation | cv2.WARP_INVERSE_MAP, values.shape[::-1]
+    return cv2.warpAffine(
+        values, motion[:2], size, flags=flags, borderMode=cv2.BORDER_CONSTANT, borderValue=outside
+    )
 
 
 # ---- Bars ----------------------------------------------------------------------------------

@@ -43,6 +43,9 @@ if TYPE_CHECKING:
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
 _FEW, _MANY = 6, 15  # numbers of latest steps between frames whose medians are taken
 _MOST_KEPT = 16.5  # frames kept per interval; at higher frame rates some are not kept
+# Luminance outside an earlier frame, so far from any other that P, the smaller one of two changes,
+# is the change without the motion of the view.
+_BEYOND = -1e3
 # Luminance above 2 in one of the first 3 frames is an error: the values are probably 0 to 255.
 _CHECKED_FRAMES, _BRIGHTEST = 3, 2.0
 
@@ -118,12 +121,12 @@ class Photoreceptors:
             self._maps = [
                 self._nothing
                 if each is None or each.change is None
-                else self._now_seen(each, each.change, self._nothing, cv2.INTER_LINEAR)
+                else self._now_seen(each, each.change, 0, cv2.INTER_LINEAR)
                 for each in self._series
             ]
         return self._maps
 
-    def _now_seen(self, then: _PastFrame, values: Map, outside: Map, interpolation: int) -> Map:
+    def _now_seen(self, then: _PastFrame, values: Map, outside: float, interpolation: int) -> Map:
         """Return a map of an earlier frame as the view of the latest frame shows it."""
         if np.array_equal(then.view, self._latest.view):
             return values
@@ -223,7 +226,7 @@ class Photoreceptors:
         if compared:
             frame.before, luma_before = compared
             frame.change = photoreceptors(luma, luma_before)
-            seen = self._now_seen(frame.before, luma_before, luma_before, cv2.INTER_CUBIC)
+            seen = self._now_seen(frame.before, luma_before, _BEYOND, cv2.INTER_CUBIC)
             if seen is not luma_before:  # what moved against the ground changed in both views
                 np.minimum(frame.change, photoreceptors(luma, seen), out=frame.change)
             frame.mean = cv2.mean(frame.change)[0]

@@ -361,10 +361,37 @@ def test_p_leaves_the_motion_of_the_view_out() -> None:
     assert before[spot].min() > 0.1
     for p in (now, np.where(spot, 0, before), two_ago):
         assert p[inner].max() < 1e-6
+    for p, shifted in ((before, 3), (two_ago, 6)):
+        assert p[:, -shifted:].max() == 0
+    # Where the frame before does not show the place, its motion is not known, and P is the change.
+    np.testing.assert_array_equal(now[:, -3:], np.abs(seen - ground[:, 6 : 6 + WIDTH])[:, -3:])
     # P is never larger than without a view: what stays in the picture does not change.
     photoreceptors.view = np.array([[1, 0, 20.0], [0, 1, 0], [0, 0, 1]])
     photoreceptors.step(seen)
     assert photoreceptors.maps[0].max() == 0
+
+
+def test_luminance_is_interpolated_well_enough_for_fine_textures() -> None:
+    """A grating of 6 px moves by 2.5 px; linear interpolation would leave a P of 0.04."""
+    photoreceptors = Photoreceptors((20, 60))
+    for shift in (0, 2.5):
+        photoreceptors.view = np.array([[1, 0, shift], [0, 1, 0], [0, 0, 1]])
+        row = 0.5 + 0.3 * np.sin(2 * np.pi * (np.arange(60) + shift) / 6)
+        photoreceptors.step(np.tile(row, (20, 1)).astype(np.float32))
+    assert photoreceptors.maps[0][:, 2:-5].max() < 0.01
+
+
+def test_earlier_p_is_interpolated_and_a_reset_forgets_the_view() -> None:
+    photoreceptors = Photoreceptors((4, 20))
+    for t in range(4):
+        if t == 3:  # the view moves by half a pixel
+            photoreceptors.view = np.array([[1, 0, 0.5], [0, 1, 0], [0, 0, 1]])
+        luma = np.zeros((4, 20), np.float32)
+        luma[:, 10] = t == 2
+        photoreceptors.step(luma)
+    np.testing.assert_allclose(photoreceptors.maps[1][0, 8:12], [0, 0.5, 0.5, 0])
+    photoreceptors.reset()
+    np.testing.assert_array_equal(photoreceptors.view, np.eye(3))
 
 
 def test_an_object_before_a_ground_at_rest_does_not_move_the_view() -> None:
@@ -423,11 +450,12 @@ def test_a_motion_in_a_reduced_frame_is_the_same_motion() -> None:
     np.testing.assert_allclose(reduced(reduced(turn, 2), 0.5), turn, atol=1e-12)
 
 
-def test_places_outside_the_earlier_frame_keep_their_values() -> None:
+def test_places_outside_the_earlier_frame_have_a_value_of_their_own() -> None:
     values = np.arange(12, dtype=np.float32).reshape(3, 4)
     motion = np.array([[1, 0, 1.0], [0, 1, 0], [0, 0, 1]])  # from x to x + 1 in the earlier frame
-    seen = seen_from(values, motion, -np.ones_like(values), cv2.INTER_LINEAR)
-    np.testing.assert_array_equal(seen, [[1, 2, 3, -1], [5, 6, 7, -1], [9, 10, 11, -1]])
+    for interpolation in (cv2.INTER_LINEAR, cv2.INTER_CUBIC):
+        seen = seen_from(values, motion, -1, interpolation)
+        np.testing.assert_array_equal(seen, [[1, 2, 3, -1], [5, 6, 7, -1], [9, 10, 11, -1]])
 
 
 def test_after_a_reset_the_next_frame_is_the_first() -> None:
