@@ -123,6 +123,16 @@ def test_detectors_with_other_axes_have_layers_of_their_own(calls: Counter[str])
     assert (calls["photoreceptors"], calls["presynaptic_sums"]) == (11, 18)
 
 
+def test_layers_over_other_intervals_are_other_layers() -> None:
+    layers = Layers(SHAPE)
+    one, two, again = (layers.photoreceptors(stride).layer for stride in (1, 2, 1))
+    assert [one.stride, two.stride] == [1, 2]
+    assert again is one
+    dpcs = [layers.dpc(OPPLOD, (0, 90), stride).layer for stride in (1, 2, 1)]
+    assert [dpc.photoreceptors.stride for dpc in dpcs] == [1, 2, 1]
+    assert dpcs[0] is dpcs[2]
+
+
 def test_a_refused_frame_is_refused_once_and_changes_no_answer() -> None:
     params = [DEFAULT, DLGMD, DIFFERENCE]
     bank, other = DetectorBank(SHAPE, params), DetectorBank(SHAPE, params)

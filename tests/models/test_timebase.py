@@ -138,12 +138,25 @@ def test_luminance_above_2_in_the_first_frames_is_an_error() -> None:
     layer.step(np.full((2, 3), 2.1, np.float32))
 
 
-def test_of_very_many_frames_some_are_kept() -> None:
-    frames = numbered(400)
-    layer = seen([t / 3000 for t in range(400)], frames)
+def test_after_a_gap_the_frame_before_it_counts() -> None:
+    times = [t / 120 for t in range(12)]
+    layer = seen([*times, 1.0], numbered(13))
+    np.testing.assert_array_equal(layer.maps[0], numbered(13)[12] - numbered(13)[11])
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_of_very_many_frames_some_are_kept(stride: int) -> None:
+    frames = numbered(400 * stride)
+    layer = seen([t / 3000 for t in range(400 * stride)], frames, stride)
     assert layer.ready
     assert layer.share == pytest.approx(1, rel=0.07)
     assert len(layer._lumas) <= 18
+
+
+def test_before_the_first_comparison_frames_like_the_first_are_at_rest() -> None:
+    first, second = numbered(2)
+    layer = seen([t / 120 for t in range(4)], [first, first, second, second])
+    assert layer._rest == 0.25
 
 
 def test_only_the_frames_of_the_latest_intervals_are_kept() -> None:
