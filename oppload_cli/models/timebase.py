@@ -91,7 +91,7 @@ class Clock:
         known = frame_rate if frame_rate and math.isfinite(frame_rate) else None
         self._counts = per_second is None
         self.per_second = per_second or known or float(1 / _REFERENCE_S)
-        self.step = 1.0 if self._counts or not known else nearly_one(self.per_second / known)
+        self.step = nearly_one(self.per_second / known) if known else 1.0
         self.time_s: float | None = None
 
     def now(self, before: float | None) -> float:

@@ -76,12 +76,12 @@ def test_the_window_reaches_at_least_three_cells_far() -> None:
     assert extent_of(maps, 5).opponency == pytest.approx(1 + 0.1**2)
 
 
-def test_the_window_shrinks_until_the_size_settles() -> None:
-    """It leaves out the points at 18 cells first, then those at 9, while the width is settled."""
+@pytest.mark.parametrize("down", [True, False])
+def test_the_window_shrinks_until_both_sizes_settle(down: bool) -> None:
+    """It leaves out the points at 18 cells first, then those at 9; one of the sizes is constant."""
     maps = blank()
-    apart(maps, 2, 2, 1.0)
-    apart(maps, 2, 9, 0.2)
-    apart(maps, 2, 18, 0.2)
+    for far, energy in ((2, 1.0), (9, 0.2), (18, 0.2)):
+        apart(maps, *((2, far) if down else (far, 2)), energy)
     extent = extent_of(maps, 100)
     assert (extent.x, extent.y) == pytest.approx([math.sqrt(2 * 16**2 - 4**2)] * 2)
 
