@@ -376,6 +376,15 @@ def test_p_leaves_the_motion_of_the_view_out() -> None:
     assert photoreceptors.maps[0].max() == 0
 
 
+def test_places_that_the_earlier_frame_does_not_show_change_as_they_did() -> None:
+    """White turns to black, also in the three columns that come into view."""
+    photoreceptors = Photoreceptors((4, 20))
+    for shift, level in ((0, 1), (3, 0)):
+        photoreceptors.view = np.array([[1, 0, shift], [0, 1, 0], [0, 0, 1.0]])
+        photoreceptors.step(np.full((4, 20), level, np.float32))
+    np.testing.assert_array_equal(photoreceptors.maps[0], 1)
+
+
 def test_luminance_is_interpolated_well_enough_for_fine_textures() -> None:
     """A grating of 6 px moves by 2.5 px; linear interpolation would leave a P of 0.04."""
     photoreceptors = Photoreceptors((20, 60))

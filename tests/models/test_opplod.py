@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.models.layers import Layers
 from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.opposing_motion import PooledJudgement
+from oppload_cli.models.opposing_motion import CellJudgement, PooledJudgement
+from oppload_cli.models.timebase import Clock, TimeParams
 from tests import reference
 from tests.media import disk, looming, texture
-from tests.presets import DEFAULT, PAPER, REFERENCE
+from tests.presets import DEFAULT, LPLC2, PAPER, REFERENCE
 
 if TYPE_CHECKING:
     from oppload_cli.models.opplod_parameters import OpplodParams
@@ -333,6 +335,52 @@ def test_a_lasting_change_of_the_light_passes_by_time_at_any_rate() -> None:
     assert model._light
     assert model._light._gains is not None
     np.testing.assert_allclose(model._light._gains, np.log(0.7) / np.e, rtol=1e-3)
+
+
+def test_the_parts_are_those_of_the_parameters_and_know_the_time_base() -> None:
+    def made(params: OpplodParams, shape: tuple[int, int] = SHAPE) -> Opplod:
+        return Opplod(shape, params, layers=Layers(shape, Clock(TimeParams(interval="0.05"))))
+
+    model = made(DEFAULT)
+    assert model._light is not None
+    assert model._light._lasting == 4 * 20
+    for params in (DEFAULT, LPLC2):
+        judgement = made(params).judgement
+        assert isinstance(judgement, CellJudgement)
+        assert judgement._per_second == 20
+    model = made(REFERENCE)
+    assert [model._light, model._view, model._bars, model._half] == [None] * 4
+    # What changes frames or maps has layers of its own.
+    layers = Layers(SHAPE)
+    for part in ({}, {"light_s": 4}, {"steady_view": True}, {"entering": 24}):
+        model = Opplod(SHAPE, REFERENCE.replaced(**part), layers=layers)
+        assert (model._dpc.layer is layers.dpc(REFERENCE, (45, 135)).layer) == (not part)
+    half = made(DEFAULT, (1, 41))._half
+    assert half is not None
+    assert half.layer.photoreceptors.shape == (1, 20)
+
+
+def test_both_sizes_of_the_frame_follow_the_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The view moves by 8 px right in each frame, which are 4 px at half the size."""
+    model = Opplod(SHAPE, DEFAULT, frame_rate=60)
+    assert model._view is not None
+    assert model._half is not None
+    steps: list[float] = []
+
+    def moves(_luma: Luma, elapsed: float) -> np.ndarray:
+        steps.append(elapsed)
+        return np.array([[1, 0, 8.0 * len(steps)], [0, 1, 0], [0, 0, 1]])
+
+    monkeypatch.setattr(model._view, "step", moves)
+    for frame in random_frames():
+        model.step(frame)
+    assert steps == [0.5] * 7
+    for layer, right in ((model._dpc.layer, 8), (model._half.layer, 4)):
+        np.testing.assert_allclose(layer.photoreceptors.view[0], [1, 0, 7 * right])
+    monkeypatch.undo()
+    model._view.step(frame, 0.5)
+    model.reset()
+    assert not model._view._latest
 
 
 def test_the_fields_of_the_preset() -> None:

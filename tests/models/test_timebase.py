@@ -118,16 +118,6 @@ def test_a_frame_may_be_too_young_by_a_quarter_of_an_interval(before: float, sha
     assert layer.share == pytest.approx(share)
 
 
-def test_after_a_reset_motion_lasts_whatever_rested_before() -> None:
-    layer = seen([t / 30 for t in range(20)], numbered(1) * 20)
-    assert not layer.motion_lasts
-    layer.reset()
-    for t, frame in enumerate(numbered(5)):
-        layer._clock.time_s = t / 30
-        layer.step(frame)
-    assert layer.motion_lasts
-
-
 def test_luminance_above_2_in_the_first_frames_is_an_error() -> None:
     layer = Photoreceptors((2, 3))
     for t in range(4):
