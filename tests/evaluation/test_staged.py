@@ -15,7 +15,7 @@ from oppload_cli.errors import StimulusError
 from oppload_cli.evaluation.manifest import clips_of
 from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
 from oppload_cli.evaluation.metrics.intervals import draws_of
-from oppload_cli.evaluation.metrics.measures import measured
+from oppload_cli.evaluation.metrics.measures import measured, overlap
 from oppload_cli.models.detector import Box
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
@@ -283,9 +283,16 @@ def test_outcomes_by_condition() -> None:
     assert found["alarmed_share", at].value == pytest.approx(1 / 3)
     assert ("alarmed_share", f"{at}, speed 12 m/s") not in found
     assert ("detection_rate", f"{at}, kind pan") not in found
-    assert not any(condition.endswith("speed ") for _, condition in found)
     speeds = [condition for _, condition in found if "speed" in condition]
     assert speeds.index(f"{at}, speed 3 m/s") < speeds.index(f"{at}, speed 12 m/s")
+
+
+def test_clips_without_a_condition_have_no_measurement_of_it() -> None:
+    clips = [truthful([5.0] * 20, {"kind": "a"} | speed, 15) for speed in ({}, {"speed": "3 m/s"})]
+    found = measured(clips, "d", draws_of([True, True], 9)).measurements
+    assert {one.condition for one in found if "speed" in one.condition} == {
+        f"{rule}, speed 3 m/s" for rule in ("alarm as shipped", "at 1 per minute")
+    }
 
 
 def test_a_detector_without_alarms_has_no_share_of_alarmed_clips() -> None:
@@ -350,15 +357,17 @@ def test_half_a_second_before_contact_is_of_the_last_half_second(left_s: float, 
 
 
 @pytest.mark.parametrize(
-    ("box", "overlap"),
+    ("box", "share"),
     [((0, 0, 10, 20), 1 / 2), ((5, 0, 10, 10), 1 / 3), ((20, 20, 5, 5), 0), ((0, 0, 10, 10), 1)],
 )
-def test_the_overlap_of_a_box_with_that_of_the_truth(
-    box: tuple[float, ...], overlap: float
-) -> None:
+def test_the_overlap_of_a_box_with_that_of_the_truth(box: tuple[float, ...], share: float) -> None:
     clips = [truthful([1.0] * 20, {"kind": "a"}, 15, box)]
     found = {one.measure: one for one in measured(clips, "d", draws_of([True], 100)).measurements}
-    assert found["box_overlap"].value == pytest.approx(overlap)
+    assert found["box_overlap"].value == pytest.approx(share)
+
+
+def test_boxes_without_an_area_do_not_overlap() -> None:
+    assert overlap((5, 5, 0, 0), (5, 5, 0, 0)) == 0
 
 
 @pytest.mark.slow
