@@ -1,4 +1,4 @@
-"""Effects of cameras: light that flickers, a view that moves, bars, edges of the frame.
+"""Effects of cameras: light that flickers, noise, a view that moves, bars, edges of the frame.
 
 OppLoD's preset ``default`` removes these effects before it judges motion
 (``docs/default-equations.md``).
@@ -135,6 +135,63 @@ def _quantile(values: NDArray[np.floating], share: float) -> float:
     """Return the value below which a share of the values lies, ten times faster than NumPy does."""
     ordered = np.sort(values, axis=None)
     return float(ordered[int(share * len(ordered))])
+
+
+# ---- Noise ---------------------------------------------------------------------------------
+
+# A sum over 3 x 3 px that is 0 where luminance rises evenly, and that keeps the variance of noise.
+_FINE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
+_NOISE_CELL = 16  # px
+_STEADIEST = 1 / 4  # the share of the cells in which less noise is measured: motion looks like it
+_NOISE_LASTS = 30  # intervals over which the variance of the noise is averaged
+_LEAST_BLUR, _MOST_BLUR = 0.4, 3.0  # px, standard deviation
+
+
+class NoiseFilter:
+    """Smooths frames as much as their noise requires, so that little noise is left.
+
+    Noise changes each pixel by itself, and each change is followed by the opposite one as often as
+    not. So the fine structure of the changes from one frame to the next is multiplied by that of
+    the changes before: where only noise changes, the mean is minus the variance of the noise. Slow
+    motion gives the opposite sign, and fast motion is rarely everywhere in the picture.
+
+    Parameters
+    ----------
+    residual : float
+        Standard deviation of the noise that may be left, in luminance of 0 to 1, above 0.
+
+    Source: ``docs/presets.md``; the 3 x 3 sum is that of Immerkaer 1996.
+    """
+
+    def __init__(self, residual: float) -> None:
+        self._residual = residual
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._before: Map | None = None
+        self._change: Map | None = None  # the fine structure of the latest change
+        self._measured = 0
+        self._variance = 0.0
+
+    def step(self, luma: Map, elapsed: float) -> Map:
+        """Return the next frame, smoothed; `elapsed` is as for :class:`SteadyLight`.
+
+        A frame with little noise is returned itself.
+        """
+        before, change = self._before, self._change
+        self._before = luma.copy()
+        if before is not None:
+            self._change = np.asarray(cv2.filter2D(luma - before, -1, _FINE))
+        if change is not None and self._change is not None:
+            variances = smaller(-change * self._change, min(_NOISE_CELL, *luma.shape))
+            self._measured += 1
+            share = max(1 / self._measured, min(1.0, elapsed / _NOISE_LASTS))
+            self._variance += share * (max(0.0, _quantile(variances, _STEADIEST)) - self._variance)
+        blur = math.sqrt(self._variance / (4 * math.pi)) / self._residual
+        if blur < _LEAST_BLUR:
+            return luma
+        return np.asarray(cv2.GaussianBlur(luma, (0, 0), min(blur, _MOST_BLUR)), np.float32)
 
 
 # ---- View ----------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
-from oppload_cli.models.camera import NO_BARS, Bars, SteadyLight, SteadyView, reduced
+from oppload_cli.models.camera import NO_BARS, Bars, NoiseFilter, SteadyLight, SteadyView, reduced
 from oppload_cli.models.detector import Column, Detector
 from oppload_cli.models.dpc import smaller
 from oppload_cli.models.layers import Layers
@@ -34,6 +34,7 @@ _REFERENCE = OpplodParams(
     persistence=0.0,
     sudden=0.0,
     light_s=0.0,
+    residual_noise=0.0,
     steady_view=False,
     interpolated="earlier",
     adaptation_level=0.0,
@@ -130,10 +131,14 @@ class Opplod(Detector):
         super().__init__(shape, params, **others)
         own, clock, layers = self.params, self.layers.clock, self.layers
         light = own.light_s * clock.per_second
-        self._light = SteadyLight(light) if light else None
+        self._filters: list[SteadyLight | NoiseFilter] = []
+        if light:
+            self._filters.append(SteadyLight(light))
+        if own.residual_noise:
+            self._filters.append(NoiseFilter(own.residual_noise))
         self._view = SteadyView() if own.steady_view else None
         # These change frames or maps, so that layers cannot be shared.
-        if light or own.steady_view or own.entering:
+        if self._filters or own.steady_view or own.entering:
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(own, own.both_axes, own.stride)
         self._bars: Bars | None = None
@@ -177,7 +182,8 @@ class Opplod(Detector):
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        for part in (self._dpc, self._light, self._view, self._bars, self._half, self.judgement):
+        parts = self._dpc, self._view, self._bars, self._half, self.judgement
+        for part in (*self._filters, *parts):
             if part:
                 part.reset()
 
@@ -199,12 +205,12 @@ class Opplod(Detector):
         """
         dpc = self._dpc.layer
         photoreceptors = dpc.photoreceptors
-        if self._bars or self._light or self._view:  # they see unchecked frames
+        if self._bars or self._filters or self._view:  # they see unchecked frames
             photoreceptors.need(luma)
         if self._bars:
             self._bars.step(luma, photoreceptors.usual_step)
-        if self._light:
-            luma = self._light.step(luma, photoreceptors.usual_step)
+        for each in self._filters:
+            luma = each.step(luma, photoreceptors.usual_step)
         if self._view:
             photoreceptors.view = self._view.step(luma, photoreceptors.usual_step)
             if self._half:

@@ -181,6 +181,14 @@ class OpplodParams(DpcParams):
         low=0,
         high=60,
     )
+    residual_noise: float = parameter(
+        0.004,
+        "standard deviation of the noise that may be left: a frame with more noise is smoothed; "
+        "0: no frame is smoothed",
+        unit="luminance",
+        low=0,
+        high=1,
+    )
     steady_view: bool = parameter(
         True,
         "True: P leaves out the turn and the shift of the complete picture, as by a camera that "
@@ -236,6 +244,7 @@ class OpplodParams(DpcParams):
         literal |= {
             "adaptation_level": 0,
             "light_s": 0,
+            "residual_noise": 0,
             "steady_view": False,
             "interpolated": "none",
         }

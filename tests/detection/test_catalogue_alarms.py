@@ -69,31 +69,61 @@ MOVING, SHAKEN = "controls/looming-on-moving-texture", "controls/looming-with-sh
 SPEED, SHAKE = "ground.motion.speed_deg_s", "scene.motion.shake_deg"
 
 
+def lead(name: str, changes: dict[str, float], **parameters: float) -> float | None:
+    """Return the time from the first alarm of preset default to contact, in s to a hundredth."""
+    protocol = stimulus.load_all(name, changes)[0]
+    params = parameters_of("opplod", "default").replaced(**parameters)
+    records = analyse(StimulusVideo(protocol, HEIGHT), [params], rmo=None)
+    first_s = next((record.time_s for record in records if record.alarms["opplod"]), None)
+    contact_s = contact_time(protocol)
+    assert contact_s
+    return None if first_s is None else round(contact_s - first_s, 2)
+
+
 @pytest.mark.parametrize(
-    ("name", "changes", "lead_s"),
+    ("name", "changes", "lead_s", "without_s"),
     [
-        (MOVING, {SPEED: 60}, 0.17),
-        (MOVING, {SPEED: 120}, None),
-        (MOVING, {"display.frame_rate": 10}, 0.2),
-        (MOVING, {"display.frame_rate": 120}, 0.3),
-        (MOVING, {"effects.noise": 0.05}, 0.2),
-        (SHAKEN, {SHAKE: 3.2}, 0.2),
+        (MOVING, {SPEED: 60}, 0.2, None),
+        (MOVING, {SPEED: 120}, 0.13, None),
+        (MOVING, {"display.frame_rate": 10}, 0.2, None),
+        (MOVING, {"display.frame_rate": 120}, 0.3, None),
+        (MOVING, {"effects.noise": 0.05}, 0.27, 0.17),
+        (SHAKEN, {SHAKE: 3.2}, 0.27, None),
     ],
 )
 def test_a_view_that_moves_does_not_hide_an_approach(
-    name: str, changes: dict[str, float], lead_s: float | None
+    name: str, changes: dict[str, float], lead_s: float | None, without_s: float | None
 ) -> None:
     """The ground moves by 15 deg/s and is seen at 30 frames/s, if nothing else is said."""
-    protocol = stimulus.load_all(name, changes)[0]
-    params = parameters_of("opplod", "default")
-    found = []
-    for each in (params, params.replaced(steady_view=False)):
-        records = analyse(StimulusVideo(protocol, HEIGHT), [each], rmo=None)
-        found.append([record.time_s for record in records if record.alarms["opplod"]])
-    contact_s = contact_time(protocol)
-    assert contact_s
-    leads_s = [round(contact_s - times_s[0], 2) for times_s in found if times_s]
-    assert leads_s == ([lead_s] if lead_s else [])
+    assert lead(name, changes) == lead_s
+    assert lead(name, changes, steady_view=False) == without_s
+
+
+@pytest.mark.parametrize(
+    ("noise", "rate", "lead_s", "without_s"),
+    [
+        (0.05, 30, 0.3, 0.2),
+        (0.1, 30, 0.23, None),
+        (0.2, 30, 0.2, None),
+        (0.1, 15, 0.23, 0.1),
+        (0.1, 60, 0.23, None),
+    ],
+)
+def test_noise_does_not_hide_an_approach(
+    noise: float, rate: int, lead_s: float | None, without_s: float | None
+) -> None:
+    changes = {"effects.noise": noise, "display.frame_rate": rate}
+    assert lead("controls/looming-noise", changes) == lead_s
+    assert lead("controls/looming-noise", changes, residual_noise=0) == without_s
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.03, 0.1])
+@pytest.mark.parametrize("name", CONTROLS)
+def test_controls_in_noise(name: str, noise: float) -> None:
+    for protocol in stimulus.load_all(name, {"effects.noise": noise}):
+        alarmed = (protocol.name.endswith("bar-speed/speed-80"), noise) == (True, 0.03)
+        assert bool(alarms(StimulusVideo(protocol, HEIGHT), "default")) == alarmed, protocol.name
 
 
 FAST = {  # controls with an alarm at other frame rates, as docs/time.md says

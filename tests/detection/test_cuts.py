@@ -335,14 +335,18 @@ def test_a_jerk_of_the_camera_starts_no_alarm() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("sigma", "at_once", "default"), [(2, 12, 6), (3, 15, 5), (5, 16, 6)])
-def test_jerks_start_fewer_alarms_than_without_the_rule(
-    sigma: float, at_once: int, default: int
+@pytest.mark.parametrize(
+    ("sigma", "neither", "rule", "view"), [(2, 13, 6, 0), (3, 17, 5, 0), (5, 18, 8, 1)]
+)
+def test_jerks_start_fewer_alarms_with_the_rule_or_the_steady_view(
+    sigma: float, neither: int, rule: int, view: int
 ) -> None:
     films = list(product((4, 8, 16), (sigma,), range(8)))
-    assert sum(shaken_alarms(*film, at_once=True) for film in films) == at_once
-    assert sum(starmap(shaken_alarms, films)) == default
-    assert not any(shaken_alarms(*film, at_once=True, steady_view=True) for film in films)
+    assert sum(shaken_alarms(*film, at_once=True) for film in films) == neither
+    assert sum(starmap(shaken_alarms, films)) == rule
+    for at_once in (True, False):
+        steady = [shaken_alarms(*film, at_once=at_once, steady_view=True) for film in films]
+        assert sum(steady) == view
 
 
 def passing(seed: int, bar: int) -> Film:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 CELL, FIELD, BORDER, ENTERING = 12, 240, 6, 24  # px, at a working height of 240
 HALVED_WEIGHT, HISTORY, PERSISTENCE, LEVEL = 2, 1 / 8, 0.45, 0.035
+RESIDUAL_NOISE = 0.004
 LIGHT, BACKGROUND, GUARD = 4 * 30, 4 * 30, 0.228 * 30 + 1 / 4  # frames
 STRIDES = {1: 2, 2: 1}  # frames between compared frames, by the reduction of the frame
 AXES, CONE = {45: (1, -1), 135: (-1, -1)}, 60  # degrees; right and down, times sqrt(2)
@@ -40,7 +41,7 @@ def quantile(values: Array, share: float) -> Any:
     return np.sort(values, axis=None)[int(share * values.size)]
 
 
-# ---- 1. Steady light -------------------------------------------------------------------------
+# ---- 1. Steady light and little noise --------------------------------------------------------
 
 
 def gains_of_light(before: Array, now: Array) -> Array:
@@ -80,6 +81,20 @@ def steady_light(frames: Iterable[Array]) -> Iterator[Array]:
         yield luma * np.interp(places, np.arange(len(total)), gains)[:, None]
 
 
+def little_noise(frames: Iterable[Array]) -> Iterator[Array]:
+    fine = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6
+    before, change, variance, count = None, None, 0.0, 0
+    for luma in frames:
+        if before is not None:
+            earlier, change = change, cv2.filter2D(luma - before, -1, fine)
+            if earlier is not None:
+                count += 1
+                measured = max(0, quantile(cell_means(-change * earlier, 16), 1 / 4))
+                variance += max(1 / count, 1 / 30) * (measured - variance)
+        before, blur = luma, np.sqrt(variance / (4 * np.pi)) / RESIDUAL_NOISE
+        yield luma if blur < 0.4 else cv2.GaussianBlur(luma, (0, 0), min(blur, 3))
+
+
 # ---- 2. Steady view --------------------------------------------------------------------------
 
 
@@ -90,12 +105,13 @@ def matrix(shift: complex, factor: complex, middle: complex) -> Array:
     return np.array([[c, -d, rest.real], [d, c, rest.imag], [0, 0, 1]])
 
 
-def warped(values: Array, motion: Array, outside: Array, interpolation: int) -> Array:
+def warped(values: Array, motion: Array, outside: float, interpolation: int) -> Array:
     if values.dtype != np.uint8:  # OpenCV interpolates in another way in double precision
-        values, outside = values.astype(np.float32), outside.astype(np.float32)
-    flags = interpolation | cv2.WARP_INVERSE_MAP
-    size, transparent = values.shape[::-1], cv2.BORDER_TRANSPARENT
-    return np.asarray(cv2.warpAffine(values, motion[:2], size, outside.copy(), flags, transparent))
+        values = values.astype(np.float32)
+    flags, size = interpolation | cv2.WARP_INVERSE_MAP, values.shape[::-1]
+    return cv2.warpAffine(
+        values, motion[:2], size, flags=flags, borderMode=cv2.BORDER_CONSTANT, borderValue=outside
+    )
 
 
 def view_motion(before: Array, now: Array) -> Array:
@@ -120,7 +136,7 @@ def view_motion(before: Array, now: Array) -> Array:
     turn = factor / abs(factor)
     if abs(shift) + abs(turn - 1) * abs(middle) < 0.25:
         return still
-    seen = warped(before, matrix(shift, factor, middle), np.zeros_like(now), cv2.INTER_CUBIC)
+    seen = warped(before, matrix(shift, factor, middle), 0, cv2.INTER_CUBIC)
     left, changed = (
         np.rint(cell_means(cv2.absdiff(now, each), 6)[textured]) for each in (seen, before)
     )
@@ -167,7 +183,7 @@ class Size:
         self.down, self.across = (self.pooling(*sides) for sides in both)
         self.w_i = {phi: [kernel(w_i(n)) * kernel(mask(phi)) for n in (1, 2)] for phi in phis}
 
-    def seen(self, maps: list[Array], then: int, now: int, outside: Array, how: int) -> Array:
+    def seen(self, maps: list[Array], then: int, now: int, outside: float, how: int) -> Array:
         if np.array_equal(self.view[then], self.view[now]):
             return maps[then]
         motion = np.linalg.inv(self.view[then]) @ self.view[now]
@@ -176,7 +192,7 @@ class Size:
     def photoreceptors(self, t: int) -> Array:
         then = max(0, t - self.stride)  # before the first comparison only whether P is 0 counts
         before = self.luma[then]
-        seen = self.seen(self.luma, then, t, before, cv2.INTER_CUBIC)
+        seen = self.seen(self.luma, then, t, -1000, cv2.INTER_CUBIC)
         changes = [np.abs(self.luma[t] - each) for each in (before, seen)]
         return np.asarray(np.minimum(*changes))
 
@@ -185,9 +201,8 @@ class Size:
         return latest[0] > 0 and all(self.p[each].any() for each in latest)
 
     def pathways(self, t: int) -> dict[int, Array]:
-        nothing = np.zeros_like(self.p[t])
         p, p1, p2 = (
-            self.seen(self.p, t - n * self.stride, t, nothing, cv2.INTER_LINEAR) for n in range(3)
+            self.seen(self.p, t - n * self.stride, t, 0, cv2.INTER_LINEAR) for n in range(3)
         )
         counts = self.counts(p)
         return {
@@ -267,7 +282,8 @@ def outward(cells: dict[int, Array]) -> Array:
 
 def responses(frames: Iterable[Array]) -> list[float]:
     """R of the winning unit in each frame, 0 before the first response."""
-    frames = list(steady_light(np.asarray(each, np.float64) for each in frames))
+    light = steady_light(np.asarray(each, np.float64) for each in frames)
+    frames = list(little_noise(light))
     view = list(views(frames))
     sizes = [(1, Size(frames, view, 1)), (HALVED_WEIGHT, Size(frames, view, 2))]
     nothing = np.zeros_like(sizes[0][1].opponency(0))

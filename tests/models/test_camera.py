@@ -1,4 +1,4 @@
-"""Effects of cameras: light that flickers, a view that moves, bars, edges of the frame."""
+"""Effects of cameras: light that flickers, noise, a view that moves, bars, edges of the frame."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from oppload_cli.models import camera
 from oppload_cli.models.camera import (
     NO_BARS,
     Bars,
+    NoiseFilter,
     SteadyLight,
     SteadyView,
     Widths,
@@ -211,6 +212,59 @@ def test_at_most_a_factor_of_2_is_removed_from_light_that_falls_steadily() -> No
         shown = light.step(luma, 1.0)
         gain = min(-t * np.log(0.8), 0.7)
         np.testing.assert_allclose(shown / luma, np.exp(gain), rtol=1e-3)
+
+
+def noise(standard_deviation: float, random: np.random.Generator) -> Luma:
+    return np.asarray(random.normal(0, standard_deviation, (HEIGHT, WIDTH)), np.float32)
+
+
+@pytest.mark.parametrize("amount", [0.015, 0.03])
+@pytest.mark.parametrize("step", [0.0, 0.7])
+@pytest.mark.parametrize("elapsed", [1.0, 0.25])
+def test_a_noisy_frame_is_smoothed_until_little_noise_is_left(
+    amount: float, step: float, elapsed: float
+) -> None:
+    """On a texture at rest or in slow motion, at 30 and at 120 frames/s."""
+    random, filtering = np.random.default_rng(3), NoiseFilter(0.004)
+    ground = np.asarray(0.2 + 0.6 * cv2.GaussianBlur(texture(HEIGHT, WIDTH + 40, 1), (0, 0), 2))
+    for frame in range(30):
+        move = np.array([[1, 0, -frame * step * elapsed], [0, 1, 0]])
+        clean = np.asarray(cv2.warpAffine(ground, move, (WIDTH, HEIGHT)), np.float32)
+        smoothed = filtering.step(clean + noise(amount, random), elapsed)
+    blur = amount / (2 * np.sqrt(np.pi) * 0.004)
+    left = smoothed - cv2.GaussianBlur(clean, (0, 0), blur)
+    assert left[12:-12, 12:-12].std() == pytest.approx(0.004, rel=0.25)
+
+
+def test_the_blur_has_a_limit() -> None:
+    random, filtering = np.random.default_rng(3), NoiseFilter(0.004)
+    half = np.full((HEIGHT, WIDTH), 0.5, np.float32)
+    for _ in range(8):
+        luma = half + noise(0.2, random)
+        smoothed = filtering.step(luma, 1.0)
+    np.testing.assert_array_equal(smoothed, cv2.GaussianBlur(luma, (0, 0), 3.0))
+
+
+def test_frames_with_hardly_any_noise_pass_as_they_are() -> None:
+    random, filtering = np.random.default_rng(3), NoiseFilter(0.004)
+    for frame in range(20):  # motion of 1 px per frame, and noise of one grey level
+        luma = np.roll(scene(), frame, 1) + noise(1 / 255, random)
+        assert filtering.step(luma, 1.0) is luma
+
+
+def test_the_noise_is_averaged_over_a_second() -> None:
+    """The first values count alike; then the variance falls by 1 / e in 30 intervals."""
+    random, filtering = np.random.default_rng(3), NoiseFilter(0.02)
+    for _ in range(40):
+        filtering.step(scene() + noise(0.1, random), 1.0)
+    variance = filtering._variance
+    assert variance == pytest.approx(0.01, rel=0.2)
+    for _ in range(62):  # at twice the rate; the noise is in the first two changes
+        filtering.step(scene(), 0.5)
+    assert filtering._variance == pytest.approx(variance * (1 - 1 / 60) ** 60, rel=0.1)
+    filtering.reset()
+    luma = scene()
+    assert filtering.step(luma, 1.0) is luma
 
 
 def views(motions: list[tuple[float, float, float]]) -> list[Luma]:

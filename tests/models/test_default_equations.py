@@ -29,6 +29,17 @@ def shaking() -> list[Luma]:
 
 
 @cache
+def noisy() -> list[Luma]:
+    """A disk that approaches before a texture, seen by a camera with noise."""
+    ground = (0.2 + 0.6 * texture(240, 240, 1)).astype(np.float32)
+    random = np.random.default_rng(3)
+    return [
+        each + random.normal(0, 0.03, each.shape).astype(np.float32)
+        for each in looming_over([ground] * 14)
+    ]
+
+
+@cache
 def flickering() -> list[Luma]:
     """A disk that approaches after a rest, under a lamp that flickers, at times by rows.
 
@@ -45,7 +56,7 @@ def flickering() -> list[Luma]:
     return [*([film[0]] * 4), *film, *still]
 
 
-SCENES = {"shaking": shaking, "flickering": flickering}
+SCENES = {"shaking": shaking, "noisy": noisy, "flickering": flickering}
 
 
 def of_the_package(scene: str, **changes: Any) -> NDArray[np.float64]:
@@ -74,6 +85,7 @@ def test_responses_agree_with_the_equations(scene: str) -> None:
         ("shaking", {"steady_view": False}),
         ("shaking", {"entering": 0}),
         ("shaking", {"adaptation_level": 0}),
+        ("noisy", {"residual_noise": 0}),
         ("flickering", {"light_s": 0}),
         ("flickering", {"history": 0}),
         ("flickering", {"adaptation_level": 0}),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.models.camera import NoiseFilter, SteadyLight
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import CellJudgement, PooledJudgement
@@ -64,7 +65,9 @@ def test_pooled_opponency_agrees_with_the_literal_reference(
     assert answer.response == pytest.approx(2.5 * expected.max() ** 2, rel=1e-4)
 
 
-@pytest.mark.parametrize(("params", "stride"), [(REFERENCE, 1), (DEFAULT.replaced(entering=0), 2)])
+@pytest.mark.parametrize(
+    ("params", "stride"), [(REFERENCE, 1), (DEFAULT.replaced(entering=0, residual_noise=0), 2)]
+)
 def test_pathways_agree_with_the_literal_reference(params: OpplodParams, stride: int) -> None:
     rng = np.random.default_rng(6)
     frames = [rng.random((25, 31), dtype=np.float32) for _ in range(1 + 3 * stride)]
@@ -271,7 +274,14 @@ def test_the_frame_at_half_its_size_answers_before_two_intervals_have_passed() -
 @pytest.mark.once
 @pytest.mark.parametrize(
     "changes",
-    [{"stride": 2}, {"halved_weight": 1.5}, {"border": 4}, {"light_s": 4}, {"sudden": 0.5}],
+    [
+        {"stride": 2},
+        {"halved_weight": 1.5},
+        {"border": 4},
+        {"light_s": 4},
+        {"residual_noise": 0.01},
+        {"sudden": 0.5},
+    ],
 )
 def test_a_model_of_several_parts_can_be_used_again(changes: dict[str, float]) -> None:
     """There is a bar at the left, and the last frame is the first one in less light."""
@@ -332,9 +342,10 @@ def test_a_lasting_change_of_the_light_passes_by_time_at_any_rate() -> None:
     luma = np.asarray(0.3 + 0.6 * texture(60, 80, 1), np.float32)
     for gain in [1.0, *[0.7] * 31]:
         model.step(luma * np.float32(gain))
-    assert model._light
-    assert model._light._gains is not None
-    np.testing.assert_allclose(model._light._gains, np.log(0.7) / np.e, rtol=1e-3)
+    light = model._filters[0]
+    assert isinstance(light, SteadyLight)
+    assert light._gains is not None
+    np.testing.assert_allclose(light._gains, np.log(0.7) / np.e, rtol=1e-3)
 
 
 def test_the_parts_are_those_of_the_parameters_and_know_the_time_base() -> None:
@@ -342,17 +353,26 @@ def test_the_parts_are_those_of_the_parameters_and_know_the_time_base() -> None:
         return Opplod(shape, params, layers=Layers(shape, Clock(TimeParams(interval="0.05"))))
 
     model = made(DEFAULT)
-    assert model._light is not None
-    assert model._light._lasting == 4 * 20
+    light, noise = model._filters
+    assert isinstance(light, SteadyLight)
+    assert light._lasting == 4 * 20
+    assert isinstance(noise, NoiseFilter)
+    assert noise._residual == 0.004
     for params in (DEFAULT, LPLC2):
         judgement = made(params).judgement
         assert isinstance(judgement, CellJudgement)
         assert judgement._per_second == 20
     model = made(REFERENCE)
-    assert [model._light, model._view, model._bars, model._half] == [None] * 4
+    assert [model._view, model._bars, model._half, *model._filters] == [None] * 3
     # What changes frames or maps has layers of its own.
     layers = Layers(SHAPE)
-    for part in ({}, {"light_s": 4}, {"steady_view": True}, {"entering": 24}):
+    for part in (
+        {},
+        {"light_s": 4},
+        {"residual_noise": 0.1},
+        {"steady_view": True},
+        {"entering": 24},
+    ):
         model = Opplod(SHAPE, REFERENCE.replaced(**part), layers=layers)
         assert (model._dpc.layer is layers.dpc(REFERENCE, (45, 135)).layer) == (not part)
     half = made(DEFAULT, (1, 41))._half
