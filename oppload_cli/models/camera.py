@@ -142,7 +142,7 @@ def _quantile(values: NDArray[np.floating], share: float) -> float:
 # A sum over 3 x 3 px that is 0 where luminance rises evenly, and that keeps the variance of noise.
 _FINE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
 _NOISE_CELL = 16  # px
-_STEADIEST = 1 / 4  # the share of the cells in which less noise is measured: motion looks like it
+_STEADIEST = 1 / 4  # quantile over the cells: fast motion looks like noise in the cells above
 _NOISE_LASTS = 30  # intervals over which the variance of the noise is averaged
 _LEAST_BLUR, _MOST_BLUR = 0.4, 3.0  # px, standard deviation
 
@@ -150,17 +150,17 @@ _LEAST_BLUR, _MOST_BLUR = 0.4, 3.0  # px, standard deviation
 class NoiseFilter:
     """Smooths frames as much as their noise requires, so that little noise is left.
 
-    Noise changes each pixel by itself, and each change is followed by the opposite one as often as
-    not. So the fine structure of the changes from one frame to the next is multiplied by that of
-    the changes before: where only noise changes, the mean is minus the variance of the noise. Slow
-    motion gives the opposite sign, and fast motion is rarely everywhere in the picture.
+    If noise makes a pixel too bright in one frame, the next frame takes this change back. So the
+    mean product of two successive changes is minus the variance of the noise. The product of slow
+    motion is positive, and fast motion seldom fills the picture. Only the fine structure of the
+    changes is multiplied, because that of motion is mostly coarse.
 
     Parameters
     ----------
     residual : float
         Standard deviation of the noise that may be left, in luminance of 0 to 1, above 0.
 
-    Source: ``docs/presets.md``; the 3 x 3 sum is that of Immerkaer 1996.
+    Source: ``docs/default-equations.md``, section 1; the 3 x 3 sum is that of Immerkaer 1996.
     """
 
     def __init__(self, residual: float) -> None:
@@ -169,8 +169,8 @@ class NoiseFilter:
 
     def reset(self) -> None:
         """Forget all frames."""
-        self._before: Map | None = None
-        self._change: Map | None = None  # the fine structure of the latest change
+        self._fine: Map | None = None  # the fine structure of the latest frame
+        self._change: Map | None = None  # its latest change
         self._measured = 0
         self._variance = 0.0
 
@@ -179,19 +179,23 @@ class NoiseFilter:
 
         A frame with little noise is returned itself.
         """
-        before, change = self._before, self._change
-        self._before = luma.copy()
+        before, self._fine = self._fine, np.asarray(cv2.filter2D(luma, -1, _FINE))
         if before is not None:
-            self._change = np.asarray(cv2.filter2D(luma - before, -1, _FINE))
-        if change is not None and self._change is not None:
-            variances = smaller(-change * self._change, min(_NOISE_CELL, *luma.shape))
-            self._measured += 1
-            share = max(1 / self._measured, min(1.0, elapsed / _NOISE_LASTS))
-            self._variance += share * (max(0.0, _quantile(variances, _STEADIEST)) - self._variance)
+            change_before, self._change = self._change, self._fine - before
+            if change_before is not None:
+                products = -self._change * change_before
+                self._measure(smaller(products, min(_NOISE_CELL, *luma.shape)), elapsed)
         blur = math.sqrt(self._variance / (4 * math.pi)) / self._residual
         if blur < _LEAST_BLUR:
             return luma
         return np.asarray(cv2.GaussianBlur(luma, (0, 0), min(blur, _MOST_BLUR)), np.float32)
+
+    def _measure(self, variances: Map, elapsed: float) -> None:
+        """Average the variance of the noise, given by cells, over time."""
+        variance = max(0.0, _quantile(variances, _STEADIEST))
+        self._measured += 1
+        share = max(1 / self._measured, min(1.0, elapsed / _NOISE_LASTS))
+        self._variance += share * (variance - self._variance)
 
 
 # ---- View ----------------------------------------------------------------------------------
