@@ -91,7 +91,7 @@ class Opplod(Detector):
     reference = "Shuang et al., OppLoD, arXiv:2302.10284"
     answers_to = "edges that move outward from a centre on opposite sides"
     made_for = "240 px high, 30 frames/s; other rates by its presentation times"
-    cost_ms = 3.5
+    cost_ms = 4.0
     meaning = "OppLoD: DPC, directional inhibition, opponency, enhancing"
     response_column = "", "enhanced response of OppLoD; empty during warm-up"
     responses = OpplodResponse
