@@ -48,7 +48,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "no border": {"border": 0},
     "nothing left out that enters": {"entering": 0},
     "no steady light": {"light_s": 0.0},
-    "no smoothing of noise": {"residual_noise": 0},
+    "no noise filter": {"residual_noise": 0},
     "no steady view": {"steady_view": False},
 }
 CONTROLS = (

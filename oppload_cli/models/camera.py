@@ -148,7 +148,7 @@ _LEAST_BLUR, _MOST_BLUR = 0.4, 3.0  # px, standard deviation
 
 
 class NoiseFilter:
-    """Smooths frames as much as their noise requires, so that little noise is left.
+    """Blurs frames as much as their noise requires, so that little noise is left.
 
     If noise makes a pixel too bright in one frame, the next frame takes this change back. So the
     mean product of two successive changes is minus the variance of the noise. The product of slow
@@ -175,7 +175,7 @@ class NoiseFilter:
         self._variance = 0.0
 
     def step(self, luma: Map, elapsed: float) -> Map:
-        """Return the next frame, smoothed; `elapsed` is as for :class:`SteadyLight`.
+        """Return the next frame, blurred; `elapsed` is as for :class:`SteadyLight`.
 
         A frame with little noise is returned itself.
         """

@@ -183,8 +183,8 @@ class OpplodParams(DpcParams):
     )
     residual_noise: float = parameter(
         0.004,
-        "standard deviation of the noise that may be left: a frame with more noise is smoothed; "
-        "0: no frame is smoothed",
+        "standard deviation of the noise that may be left: a frame with more noise is blurred; "
+        "0: no frame is blurred",
         unit="luminance",
         low=0,
         high=1,

@@ -41,7 +41,7 @@ def quantile(values: Array, share: float) -> Any:
     return np.sort(values, axis=None)[int(share * values.size)]
 
 
-# ---- 1. Steady light and little noise --------------------------------------------------------
+# ---- 1. Steady light and noise filter --------------------------------------------------------
 
 
 def gains_of_light(before: Array, now: Array) -> Array:
@@ -81,7 +81,7 @@ def steady_light(frames: Iterable[Array]) -> Iterator[Array]:
         yield luma * np.interp(places, np.arange(len(total)), gains)[:, None]
 
 
-def little_noise(frames: Iterable[Array]) -> Iterator[Array]:
+def noise_filter(frames: Iterable[Array]) -> Iterator[Array]:
     fine = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6
     before, change, variance, count = None, None, 0.0, 0
     for luma in frames:
@@ -283,7 +283,7 @@ def outward(cells: dict[int, Array]) -> Array:
 def responses(frames: Iterable[Array]) -> list[float]:
     """R of the winning unit in each frame, 0 before the first response."""
     light = steady_light(np.asarray(each, np.float64) for each in frames)
-    frames = list(little_noise(light))
+    frames = list(noise_filter(light))
     view = list(views(frames))
     sizes = [(1, Size(frames, view, 1)), (HALVED_WEIGHT, Size(frames, view, 2))]
     nothing = np.zeros_like(sizes[0][1].opponency(0))

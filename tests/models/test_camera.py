@@ -221,7 +221,7 @@ def noise(standard_deviation: float, random: np.random.Generator) -> Luma:
 @pytest.mark.parametrize("amount", [0.015, 0.03])
 @pytest.mark.parametrize("step", [0.0, 0.7])
 @pytest.mark.parametrize("elapsed", [1.0, 0.25])
-def test_a_noisy_frame_is_smoothed_until_little_noise_is_left(
+def test_a_noisy_frame_is_blurred_until_little_noise_is_left(
     amount: float, step: float, elapsed: float
 ) -> None:
     """On a texture at rest or in slow motion, at 30 and at 120 frames/s."""
@@ -230,9 +230,9 @@ def test_a_noisy_frame_is_smoothed_until_little_noise_is_left(
     for frame in range(30):
         move = np.array([[1, 0, -frame * step * elapsed], [0, 1, 0]])
         clean = np.asarray(cv2.warpAffine(ground, move, (WIDTH, HEIGHT)), np.float32)
-        smoothed = filtering.step(clean + noise(amount, random), elapsed)
+        blurred = filtering.step(clean + noise(amount, random), elapsed)
     blur = amount / (2 * np.sqrt(np.pi) * 0.004)
-    left = smoothed - cv2.GaussianBlur(clean, (0, 0), blur)
+    left = blurred - cv2.GaussianBlur(clean, (0, 0), blur)
     assert left[12:-12, 12:-12].std() == pytest.approx(0.004, rel=0.25)
 
 
@@ -241,8 +241,8 @@ def test_the_blur_has_a_limit() -> None:
     half = np.full((HEIGHT, WIDTH), 0.5, np.float32)
     for _ in range(8):
         luma = half + noise(0.2, random)
-        smoothed = filtering.step(luma, 1.0)
-    np.testing.assert_array_equal(smoothed, cv2.GaussianBlur(luma, (0, 0), 3.0))
+        blurred = filtering.step(luma, 1.0)
+    np.testing.assert_array_equal(blurred, cv2.GaussianBlur(luma, (0, 0), 3.0))
 
 
 def test_frames_with_hardly_any_noise_pass_as_they_are() -> None:
