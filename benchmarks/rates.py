@@ -13,7 +13,7 @@ jittered frames are drawn at random, 4 times for each shift. With `--preset` onl
 that preset. With `--between` the detectors also see the frames between, at 240 frames/s, but only
 responses at the times of the frames count: this is the share of a peak that these times leave.
 `--clips` shows every frame, every second or every third frame of labelled clips, or all frames as a
-camera that jerks sees them, and counts the alarms at the floors of the package.
+camera that jerks or has noise sees them, and counts the alarms at the floors of the package.
 """
 
 from __future__ import annotations
@@ -321,18 +321,18 @@ def _controls() -> Iterator[str]:
 
 
 class _Shown:
-    """Every nth frame of an open video, seen by a camera that jerks.
+    """Every nth frame of an open video, seen by a camera that jerks or has noise.
 
     The picture of each frame is displaced by whole pixels of the working frame, with the standard
     deviation `jerk_px` across and down, and with no relation to the frame before. The edges of the
-    frame mirror the picture.
+    frame mirror the picture. `noise` is a standard deviation, in luminance.
     """
 
-    def __init__(self, video: FrameSource, every: int, jerk_px: float) -> None:
+    def __init__(self, video: FrameSource, every: int, jerk_px: float, noise: float) -> None:
         rate = video.facts.frame_rate
         self.facts = replace(video.facts, frame_rate=rate / every if rate else None)
         self.working, self._video = video.working, video
-        self._every, self._jerk_px = every, jerk_px
+        self._every, self._jerk_px, self._noise = every, jerk_px, noise
 
     def __iter__(self) -> Iterator[Frame]:
         random = np.random.default_rng(1)
@@ -346,14 +346,18 @@ class _Shown:
                     flags=cv2.INTER_NEAREST,
                     borderMode=cv2.BORDER_REFLECT,
                 )
+                if self._noise:
+                    moved = np.clip(moved + random.normal(0, self._noise, moved.shape), 0, 1)
                 index = frame.index // self._every
                 yield replace(frame, index=index, luma=np.asarray(moved, np.float32))
 
 
-def _seen(entry: Entry, detector: EvaluatedDetector, every: int, jerk_px: float) -> Clip:
+def _seen(
+    entry: Entry, detector: EvaluatedDetector, every: int, jerk_px: float, noise: float
+) -> Clip:
     """Run a detector over a labelled clip, as `_Shown` shows it."""
     with open_video(cast("Path", entry.path), height=detector.height) as video:
-        times, outputs = outputs_of(_Shown(video, every, jerk_px), [detector])
+        times, outputs = outputs_of(_Shown(video, every, jerk_px, noise), [detector])
         facts = video.facts
     label = entry.label
     if label.onset is not None and label.contact is not None:
@@ -363,20 +367,21 @@ def _seen(entry: Entry, detector: EvaluatedDetector, every: int, jerk_px: float)
 
 
 def _on_clips(manifest: Path) -> Iterator[str]:
-    """Yield the table of alarms on labelled clips, with fewer frames or by a camera that jerks."""
-    yield "| shown | jerks (px) | detector | detected | lead (s) | false alarms per minute |"
-    yield "|---|---|---|---|---|---|"
+    """Yield the table of alarms on labelled clips: fewer frames, jerks, noise."""
+    yield "| shown | jerks (px) | noise | detector | found | lead (s) | false alarms per minute |"
+    yield "|---|---|---|---|---|---|---|"
     names = "opplod:default", "opplod:reference", "dlgmd", "flow_divergence"
-    for every, jerk_px in ((1, 0), (2, 0), (3, 0), (1, 1), (1, 2), (1, 5)):
+    jerks, noises = ((1, px, 0.0) for px in (1, 2, 5)), ((1, 0, share) for share in (0.02, 0.05))
+    for every, jerk_px, noise in ((1, 0, 0.0), (2, 0, 0.0), (3, 0, 0.0), *jerks, *noises):
         for detector in evaluated_detectors(names):
             entries = read_manifest(manifest).entries
-            clips = [_seen(entry, detector, every, jerk_px) for entry in entries]
+            clips = [_seen(entry, detector, every, jerk_px, noise) for entry in entries]
             draws = draws_of([clip.label.looming for clip in clips], 1)
             found = shipped(clips, detector.name, draws).outcomes
             minutes = math.fsum(clip.seconds(*clip.quiet) for clip in clips) / 60
             lead = f"{np.nanmedian(found.lead_s):.2f}" if np.nansum(found.detected) else ""
             yield (
-                f"| 1 of {every} | {jerk_px} | {detector.name} | "
+                f"| 1 of {every} | {jerk_px} | {noise} | {detector.name} | "
                 f"{np.nansum(found.detected):.0f} of "
                 f"{np.isfinite(found.detected).sum()} | {lead} | "
                 f"{np.nansum(found.false_alarms) / minutes:.2f} |"
