@@ -368,7 +368,8 @@ def _seen(
 
 def _on_clips(manifest: Path) -> Iterator[str]:
     """Yield the table of alarms on labelled clips: fewer frames, jerks, noise."""
-    yield "| shown | jerks (px) | noise | detector | found | lead (s) | false alarms per minute |"
+    measures = "detected | lead (s) | false alarms per minute"
+    yield f"| shown | jerks (px) | noise | detector | {measures} |"
     yield "|---|---|---|---|---|---|---|"
     names = "opplod:default", "opplod:reference", "dlgmd", "flow_divergence"
     jerks, noises = ((1, px, 0.0) for px in (1, 2, 5)), ((1, 0, share) for share in (0.02, 0.05))

@@ -184,7 +184,7 @@ class NoiseFilter:
             change_before, self._change = self._change, self._fine - before
             if change_before is not None:
                 products = -self._change * change_before
-                self._measure(smaller(products, min(_NOISE_CELL, *luma.shape)), elapsed)
+                self._measure(smaller(products, _NOISE_CELL), elapsed)
         blur = math.sqrt(self._variance / (4 * math.pi)) / self._residual
         if blur < _LEAST_BLUR:
             return luma
