@@ -50,6 +50,7 @@ class Pose:
     luminance: float  # 0 to 1
     zoom: float  # scale of a pattern
     travel_deg: tuple[float, float]  # own displacement, without turn and motion of the scene
+    scene_turn_deg: float  # turn of the scene, which is part of `orientation_deg`
     contact_in_s: float | None  # time to contact while it approaches and does not pass
     looming: bool  # whether its complete outline grows, and it does not pass
 

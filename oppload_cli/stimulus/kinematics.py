@@ -7,6 +7,7 @@ therefore has the same sizes at the same times at every frame rate.
 from __future__ import annotations
 
 import bisect
+import itertools
 import math
 import random
 from dataclasses import replace
@@ -54,15 +55,17 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     centre, moved = _in_scene(protocol, (x, y), (sign * velocity[0], sign * velocity[1]), time)
     speed = extent.forward_speed + extent.backward_speed
     contact = contact_of_shape(obj, start, end) if moving else None
+    scene_turn = _scene_turn(protocol, time)
     return Pose(
         visible=is_drawn(obj, time, start, end),
         centre_deg=centre,
         velocity_deg_s=moved,
-        orientation_deg=obj.axis_deg + turn + _scene_turn(protocol, time),
+        orientation_deg=obj.axis_deg + turn + scene_turn,
         extent=extent,
         luminance=_luminance_at(protocol, obj, min(time, end) - start, start, end),
         zoom=math.exp(obj.motion.zoom_per_s * phase) if obj.motion else 1.0,
         travel_deg=travel,
+        scene_turn_deg=scene_turn,
         contact_in_s=None if contact is None else contact - time,
         looming=obj.kind in LOOMING and speed > 0 and not _passes(obj, start, end),
     )
@@ -156,6 +159,15 @@ def _growth_times(obj: Object, growth: Growth, start: float, end: float) -> tupl
     elif growth.kind == "edge-speed" and growth.end_deg is not None:
         edges = (growth.speed_deg_s or 0.0) * (2 if growth.sides == "both" else 1)
         last = min(last, abs(growth.end_deg - (obj.size_deg or 0.0)) / edges)
+    elif growth.kind == "path":
+        sizes, times = _points_of(growth, obj.size_deg or 0.0)
+        rising = [
+            line
+            for line, (one, next_one) in enumerate(itertools.pairwise(sizes))
+            if (next_one < one if obj.reverse else next_one > one)
+        ]
+        if rising:
+            first, last = times[rising[0]], min(last, times[rising[-1] + 1])
     return min(first, last), last
 
 
@@ -300,13 +312,17 @@ def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
     if growth is not None and growth.kind == "edge-speed":
         return _constant_edge_speed(growth, size, elapsed, obj.reverse)
     if growth is not None and growth.kind == "path":
-        sizes, times = (size, *growth.sizes_deg), (0.0, *growth.times_s)
-        size, speed = _joined(sizes, times, elapsed, obj.reverse)
+        size, speed = _joined(*_points_of(growth, size), elapsed, obj.reverse)
         return Extent(size / 2, size / 2, speed / 2, speed / 2)
     if growth is not None:
         reached = bisect.bisect_right(growth.times_s, elapsed + ROUNDING_S)
         size = growth.sizes_deg[reached - 1] if reached else size
     return Extent(size / 2, size / 2)
+
+
+def _points_of(growth: Growth, size: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the sizes that a path of sizes joins, and their times; `size` is the first size."""
+    return (size, *growth.sizes_deg), (0.0, *growth.times_s)
 
 
 def _approach(growth: Growth | Brightness, remaining: float) -> Extent:

@@ -206,17 +206,23 @@ class DotField:
 
     def positions(self, pose: Pose) -> Floats:
         """Return the positions of the dots, float64 (n, 2): degrees right and up."""
-        angle = math.radians(pose.orientation_deg)
-        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+        turn = _turn(pose.orientation_deg)
         places = self.places.copy()
         # An incoherent dot moves as far as the coherent dots, but in its own direction.
         common = np.array(pose.travel_deg)
         own = np.hypot(*common) * self.headings - common
-        places[: len(self.headings)] += own @ turn / pose.zoom
+        own_turn = _turn(pose.orientation_deg - pose.scene_turn_deg)
+        places[: len(self.headings)] += own @ own_turn / pose.zoom
         centre = np.array(pose.centre_deg)
         middle = -centre @ turn / pose.zoom
         places += self.side * np.round((middle - places) / self.side)
         return np.asarray(centre + pose.zoom * (places @ turn.T))
+
+
+def _turn(angle_deg: float) -> Floats:
+    """Return the matrix, float64 (2, 2), that turns a column [right, up] counter-clockwise."""
+    angle = math.radians(angle_deg)
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
 
 
 def _between(position: Floats, side: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Picture]:

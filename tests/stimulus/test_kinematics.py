@@ -140,6 +140,33 @@ def test_a_disk_that_shrinks_backwards_passes_as_one_that_grows(speed: float, lo
     assert truth.looming is looms
 
 
+@pytest.mark.parametrize(
+    ("moves_s", "reverse", "looms"),
+    [
+        ((0.05, 0.2), False, True),  # before the growth
+        ((0.2, 0.3), False, False),
+        ((0.4, 0.5), False, False),  # while the growth pauses
+        ((0.6, 0.7), False, False),
+        ((0.7, 0.8), False, True),
+        ((0.8, 0.9), False, True),
+        ((0.8, 0.9), True, False),  # backwards, the disk grows where it shrinks otherwise
+        ((0.6, 0.8), True, True),
+    ],
+)
+def test_movement_counts_while_a_path_of_sizes_grows(
+    moves_s: tuple[float, ...], reverse: bool, looms: bool
+) -> None:
+    """A disk grows by 20 degrees from 0.2 to 0.7 s, and shrinks by 20 degrees from 0.8 to 0.9 s."""
+    growth = Growth(
+        kind="path",
+        times_s=(0.2, 0.4, 0.5, 0.7, 0.8, 0.9),
+        sizes_deg=(5, 15, 15, 25, 25, 5),
+    )
+    aside = Motion(path_s=moves_s, path_deg=((0, 0), (11, 0)))
+    protocol = made(disk(size_deg=5, growth=growth, motion=aside, reverse=reverse))
+    assert any(frame_truth(protocol, frame).looming for frame in range(45)) is looms
+
+
 def test_a_growth_played_backwards_moves_from_its_first_frame_on() -> None:
     """The growth takes the complete second; forwards it moves in the frames 6 to 35, too."""
     obj = disk(size_deg=20, growth=Growth(kind="edge-speed", speed_deg_s=5, end_deg=10))

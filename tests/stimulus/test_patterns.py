@@ -136,6 +136,12 @@ def test_dots_move_equally_far_together_or_each_in_its_own_direction(
     np.testing.assert_allclose(np.hypot(*moved.T), 5 * 0.4)
     up = np.isclose(moved[:, 1], 5 * 0.4) & np.isclose(moved[:, 0], 0)
     assert up.mean() == pytest.approx(together, abs=0.01)
+    # A turn of the scene turns each movement.
+    turned = replace(protocol, scene=stimulus.Scene(rotation_deg=90))
+    before, after = (field.positions(pose_of(turned, dots, time)) for time in (0.0, 0.4))
+    aside = after - before
+    aside -= field.side * np.round(aside / field.side)
+    np.testing.assert_allclose(aside, np.stack([-moved[:, 1], moved[:, 0]], axis=1), atol=1e-9)
     # However far the pattern has moved, and however it is turned, its square lies on the display.
     scene = stimulus.Scene(centre_deg=(100, 30), rotation_deg=90)
     places = field.positions(pose_of(replace(protocol, scene=scene), dots, 0.4))
