@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -93,27 +94,50 @@ def estimate(statistic: Callable[[Weights], float], draws: Weights) -> Estimate:
 
 
 def share_interval(share: float, count: int, low: float, high: float) -> tuple[float, float]:
-    """Widen the bootstrap's interval of a share if all outcomes agree, as it is empty then.
+    """Widen the bootstrap's interval of a share if all outcomes or all draws agree.
 
     Parameters
     ----------
     share : float
         Share of `count` outcomes, 0 to 1; NaN without an outcome.
     count : int
-        Number of outcomes.
+        Number of outcomes. Each may itself be a share.
     low, high : float
         The interval of the bootstrap.
 
     Returns
     -------
     tuple of float
-        For a share of 0 or 1 at least the interval of Clopper and Pearson (1934, Biometrika
-        26:404); else `low` and `high`.
+        At least the interval of Clopper and Pearson (1934, Biometrika 26:404) for a share of 0 or
+        1, and if `low` and `high` are equal, as those of a single clip; else `low` and `high`.
     """
-    if share not in {0.0, 1.0}:
+    tail = (100 - LEVEL) / 200
+    if share in {0.0, 1.0}:
+        reach = tail ** (1 / count)
+        return (min(low, reach), 1.0) if share else (0.0, max(high, 1 - reach))
+    if low != high:
         return low, high
-    reach = ((100 - LEVEL) / 200) ** (1 / count)
-    return (min(low, reach), 1.0) if share else (0.0, max(high, 1 - reach))
+    # An outcome that is a share itself counts as 0 for the lower bound and as 1 for the upper one.
+    least, most = math.floor(share * count + 1e-9), math.ceil(share * count - 1e-9)
+    lower = _reaching(partial(_at_least, least, count), tail) if least else 0.0
+    upper = _reaching(partial(_at_least, most + 1, count), 1 - tail) if most < count else 1.0
+    return lower, upper
+
+
+def _at_least(least: int, count: int, chance: float) -> float:
+    """Return the probability of at least `least` events in `count` trials, each of a `chance`."""
+    if chance == 1:
+        return 1.0
+    ways = math.lgamma(count + 1)
+    logs = [
+        ways
+        - math.lgamma(k + 1)
+        - math.lgamma(count - k + 1)
+        + k * math.log(chance)
+        + (count - k) * math.log1p(-chance)
+        for k in range(least, count + 1)
+    ]
+    return math.fsum(map(math.exp, logs))
 
 
 def rate_interval(events: float, minutes: float) -> tuple[float, float]:
@@ -135,8 +159,8 @@ def rate_interval(events: float, minutes: float) -> tuple[float, float]:
     if not events:
         return 0.0, RULE_OF_THREE / minutes
     tail = (100 - LEVEL) / 200
-    low = _expected(lambda mean: 1 - _poisson(int(events) - 1, mean), tail)
-    high = _expected(lambda mean: 1 - _poisson(int(events), mean), 1 - tail)
+    low = _reaching(lambda mean: 1 - _poisson(int(events) - 1, mean), tail)
+    high = _reaching(lambda mean: 1 - _poisson(int(events), mean), 1 - tail)
     return low / minutes, high / minutes
 
 
@@ -146,8 +170,8 @@ def _poisson(most: int, mean: float) -> float:
     return math.fsum(map(math.exp, logs))
 
 
-def _expected(probability: Callable[[float], float], wanted: float) -> float:
-    """Return the expected number of events at which a rising `probability` reaches `wanted`."""
+def _reaching(probability: Callable[[float], float], wanted: float) -> float:
+    """Return the number above 0 at which a rising `probability` reaches `wanted`."""
     low, high = 0.0, 1.0
     while probability(high) < wanted:
         low, high = high, 2 * high

@@ -265,14 +265,19 @@ def test_each_draw_chooses_its_own_threshold() -> None:
 
 @pytest.mark.parametrize(
     ("share", "count", "expected"),
-    [(1.0, 2, (0.158, 1)), (0.0, 2, (0, 0.842)), (1.0, 10, (0.692, 1)), (0.5, 2, (0.4, 0.6))],
+    [
+        *((1.0, 2, (0.158, 1)), (0.0, 2, (0, 0.842)), (1.0, 10, (0.692, 1))),
+        # One video with several approaches, or with frames or pairs of which some are right.
+        *((0.5, 2, (0.0126, 0.9874)), (0.3, 10, (0.0667, 0.6525)), (2 / 3, 1, (0, 1))),
+        (0.45, 10, (0.1216, 0.8129)),  # 4 of 10 at least, 5 of 10 at most
+    ],
 )
 def test_outcomes_that_all_agree_are_not_certain(
     share: float, count: int, expected: tuple[float, float]
 ) -> None:
     """The exact interval of Clopper and Pearson, from scipy.stats.beta."""
-    low, high = (0.4, 0.6) if share == 0.5 else (share, share)
-    assert share_interval(share, count, low, high) == pytest.approx(expected, abs=5e-4)
+    assert share_interval(share, count, share, share) == pytest.approx(expected, abs=5e-4)
+    assert share_interval(0.5, 2, 0.4, 0.6) == (0.4, 0.6)
 
 
 def test_the_bootstrap_may_give_a_share_a_wider_interval() -> None:
