@@ -328,8 +328,8 @@ def _unlike_neurons(settings: Settings, height: int, indicator_s: float) -> Iter
 def _is_symmetric(entry: Entry) -> bool:
     """Return whether the stimulus looks the same after half a turn of the swept direction.
 
-    Two frames of the stimulus decide this. For such a stimulus, for example a bar that grows at
-    both ends, half a circle of directions is the complete tuning.
+    The frames at one third and at two thirds of each motion decide this. For such a stimulus, for
+    example a bar that grows at both ends, half a circle of directions is the complete tuning.
     """
     direction = direction_of(list(entry.sweep))
     if direction is None:
@@ -339,11 +339,16 @@ def _is_symmetric(entry: Entry) -> bool:
         entry.with_settings({direction: angle}).protocols()[0] for angle in (first, first + 180)
     ]
     one, turned = map(Renderer, protocols)
-    count = protocols[0].frame_count
+    protocol = protocols[0]
+    timing, rate = protocol.timing, float(protocol.display.frame_rate)
+    spans = {(timing.before_s, timing.end_s)}
+    spans |= {motion_times(timing, each) for each in protocol.objects}
+    times = (start + share * (end - start) for start, end in spans for share in (1 / 3, 2 / 3))
+    frames = {min(round(time * rate), protocol.frame_count - 1) for time in times}
     # Rounding may change a pixel on an edge by a grey level.
     return all(
         int(np.abs(one.grey(at).astype(int) - turned.grey(at).astype(int)).max()) <= 2
-        for at in (count // 3, 2 * count // 3)
+        for at in frames
     )
 
 

@@ -439,20 +439,22 @@ def test_an_error_of_a_swept_value_names_the_stimulus(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stimulus", "symmetric"),
+    ("stimulus", "pause", "symmetric"),
     [
-        ("klapoetke2017/bar-expand-10", True),
-        ("opplod2023/inward-motion", True),
-        ("klapoetke2017/bar-expand-10-one-end", False),
-        ("klapoetke2017/bar-sweep", False),
-        ("klapoetke2017/loom-speed", False),
+        ("klapoetke2017/bar-expand-10", "before_s", True),
+        ("opplod2023/inward-motion", "before_s", True),
+        ("klapoetke2017/bar-expand-10-one-end", "before_s", False),
+        ("klapoetke2017/bar-sweep", "after_s", False),
+        ("klapoetke2017/loom-speed", "before_s", False),
     ],
 )
-def test_two_frames_decide_whether_a_stimulus_is_symmetric(
-    stimulus: str, symmetric: bool, tmp_path: Path
+def test_frames_of_the_motion_decide_whether_a_stimulus_is_symmetric(
+    stimulus: str, pause: str, symmetric: bool, tmp_path: Path
 ) -> None:
+    """Before its motion, a bar that will grow at one end looks the same after half a turn."""
     path = tmp_path / "a.tuning.json"
-    write_tuning_sidecar(path, swept(stimulus, []), resolve(), command=[])
+    entry = swept(stimulus, []).with_settings({f"timing.{pause}": 4})
+    write_tuning_sidecar(path, entry, resolve(), command=[])
     assert json.loads(path.read_text())["stimulus"]["symmetric"] is symmetric
 
 
