@@ -333,9 +333,11 @@ class Object(Table):
     def _check_picture(self) -> None:
         if (self.file is None) == (self.drawing is None):
             raise StimulusError("kind 'picture' needs either file or drawing, and only one")
-        for key in ("motion", "brightness", "reverse"):
-            if getattr(self, key):
-                raise StimulusError(f"{key} does not go with kind 'picture'; use course")
+        others = dict.fromkeys(("motion", "brightness", "reverse", "axis_deg"), "course")
+        others |= {"centre_deg": "course", "luminance": "relative_luminance"}
+        for key, other in others.items():
+            if getattr(self, key) not in {None, 0, (0.0, 0.0)}:
+                raise StimulusError(f"{key} does not go with kind 'picture'; use {other}")
 
     def _check_contrast(self) -> None:
         mean, contrast = self.base_luminance, self.contrast

@@ -20,7 +20,7 @@ from oppload_cli.schema import REQUIRED, Parameter, Table
 from oppload_cli.stimulus.kinematics import ROUNDING_S, motion_times, pose_of, reaches_field
 from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Motion, Object
 from oppload_cli.stimulus.staging import check_stage, enters
-from oppload_cli.stimulus.tables import TABLES, ProtocolTables
+from oppload_cli.stimulus.tables import TABLES, ProtocolTables, Scene
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,6 +30,7 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_FRAMES = 1_000_000
 _MOST_ZOOM = 6.0  # the largest change of the logarithm of a pattern's scale
 _LATE = "after the end of the motion and is never reached; correct it, or make the motion longer"
+_SCENE_AT_REST = Scene()
 _RESERVED = (*TABLES, "object", "sweep", "seed")
 
 
@@ -200,6 +201,17 @@ def _remarks(protocol: Protocol) -> Iterator[str]:
     scene, timing = protocol.scene, protocol.timing
     if scene.cut_s is not None and scene.cut_s >= timing.total_s - ROUNDING_S:
         yield "scene: cut_s is after the end of the clip, and has no effect; correct it"
+    kinds = {obj.kind for obj in protocol.objects}
+    moved = [
+        f"scene.{key}"
+        for key in ("centre_deg", "rotation_deg", "motion")
+        if getattr(scene, key) != getattr(_SCENE_AT_REST, key)
+    ]
+    if moved and (PICTURE in kinds or not kinds):
+        yield (
+            f"scene: pictures and backgrounds do not follow {' and '.join(moved)}; use a course "
+            "and [camera]"
+        )
     if _has_late_points(scene.motion, timing.motion_s):
         yield f"scene: a time of motion.path_s is {_LATE}"
     for obj in protocol.objects:

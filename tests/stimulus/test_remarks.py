@@ -97,3 +97,32 @@ def test_a_cut_after_the_end_of_the_clip(cut_s: float, remarked: bool) -> None:
     found = remarks(TOP.replace("[timing]", projection) + scene)
     assert len(found) == remarked
     assert all("cut_s is after the end of the clip" in each for each in found)
+
+
+BALL = """
+[[object]]
+id = "ball"
+kind = "picture"
+drawing = "ball"
+size_m = 0.5
+course = {kind = "collision", speed_m_s = 2}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "keys"),
+    [
+        (
+            f"[scene]\nrotation_deg = 90\nmotion.speed_deg_s = 0\n{BALL}",
+            "rotation_deg and scene.motion",
+        ),
+        (f"[scene]\ncentre_deg = [5, 0]\n{BALL}{DISK}", "centre_deg"),
+        ("[scene]\nbackground = 'sky'\nrotation_deg = 90", "rotation_deg"),
+        (f"[scene]\nbackground = 'sky'\nrotation_deg = 90\n{DISK}", ""),  # the disk turns
+        (f"[scene]\nbackground = 'sky'\n{BALL}", ""),
+    ],
+)
+def test_a_turn_of_the_scene_that_pictures_do_not_follow(text: str, keys: str) -> None:
+    found = remarks(TOP.replace("[timing]", "projection = 'perspective'\n[timing]") + text)
+    assert len(found) == bool(keys)
+    assert all(f"do not follow scene.{keys}; use a course" in each for each in found)

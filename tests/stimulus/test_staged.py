@@ -487,6 +487,9 @@ HIT = {"kind": "collision", "speed_m_s": 2.0}
         (HIT, {"display": {"projection": "flat"}}, "projection must be 'perspective'"),
         (HIT, {"drawing": None}, "needs either file or drawing"),
         (HIT, {"motion": {"speed_deg_s": 2.0}}, "motion does not go with kind 'picture'"),
+        (HIT, {"axis_deg": 45}, "axis_deg does not go with kind 'picture'; use course"),
+        (HIT, {"centre_deg": [0, 5]}, "centre_deg does not go with kind 'picture'; use course"),
+        (HIT, {"luminance": 0.3}, "luminance does not go with kind 'picture'; use relative_lum"),
         ({"kind": "collision"}, {}, "course: kind 'collision' needs speed_m_s; add it"),
         (
             HIT,
