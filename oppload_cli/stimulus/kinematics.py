@@ -333,8 +333,8 @@ def _approach(growth: Growth | Brightness, remaining: float) -> Extent:
     object fills the view.
     """
     ratio, most = (growth.l_over_v_ms or 0.0) / 1000, (growth.most_deg or 180.0) / 2
-    half = math.degrees(math.atan2(ratio, remaining)) if remaining > 0 else 90.0
-    speed = math.degrees(ratio / (remaining**2 + ratio**2)) if remaining > 0 else 0.0
+    half = math.degrees(math.atan2(ratio, remaining))  # from contact on at least 90
+    speed = math.degrees(ratio / (remaining**2 + ratio**2))
     if half <= growth.least_deg / 2 or half >= most:
         half, speed = min(max(half, growth.least_deg / 2), most), 0.0
     return Extent(half, half, speed, speed)

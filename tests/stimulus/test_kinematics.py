@@ -24,7 +24,7 @@ from oppload_cli.stimulus import (
     Timing,
     frame_truth,
 )
-from oppload_cli.stimulus.kinematics import pose_of
+from oppload_cli.stimulus.kinematics import pose_of, shaken
 from oppload_cli.stimulus.truth import contact_time
 
 
@@ -304,6 +304,9 @@ def test_changes_within_a_motion_come_at_the_frames_of_their_times() -> None:
     protocol = made(moved, timing=Timing(before_s=0.1, motion_s=1.0))
     speeds = [frame_truth(protocol, frame).objects[0].edge_speed_deg_s for frame in (8, 9)]
     assert speeds == [pytest.approx(20), 0]
+    steps = Growth(kind="steps", sizes_deg=(12,), times_s=(0.2,))
+    protocol = made(disk(size_deg=8, growth=steps), timing=Timing(before_s=0.1, motion_s=1.0))
+    assert [size(protocol, time) for time in (8 / 30, 9 / 30)] == [8, 12]
 
 
 def test_scene_turns_and_shifts_everything() -> None:
@@ -312,6 +315,18 @@ def test_scene_turns_and_shifts_everything() -> None:
     pose = pose_of(protocol, obj, 0.2 + 0.4)
     assert pose.centre_deg == pytest.approx((1, 2 + 12))
     assert pose.velocity_deg_s == pytest.approx((0, 5))
+    # The axis of the scene is its turn; a stated direction is that on the display.
+    for direction, moved in ((None, (1, 14 + 4)), (0, (1 + 4, 14))):
+        motion = Motion(speed_deg_s=10, direction_deg=direction)
+        scene = dataclasses.replace(protocol.scene, motion=motion)
+        assert pose_of(made(obj, scene=scene), obj, 0.6).centre_deg == pytest.approx(moved)
+
+
+def test_a_bar_that_grows_into_the_display_by_its_far_end_is_inside() -> None:
+    growth = Growth(kind="edge-speed", speed_deg_s=20, sides="backward")
+    bar = Object(id="b", kind="bar", size_deg=4, width_deg=4, centre_deg=(40, 0), growth=growth)
+    truth = frame_truth(made(bar), 36).objects[0]
+    assert truth.centre_x_px == pytest.approx(100 + 4 * (40 - 10))
 
 
 def test_velocity_is_the_change_of_the_place_while_the_motion_lasts() -> None:
@@ -347,6 +362,11 @@ def test_shake_has_the_stated_size_and_starts_at_the_middle() -> None:
     middle = [sum(place[axis] for place in places) / len(places) for axis in (0, 1)]
     squares = [math.dist(place, middle) ** 2 for place in places]
     assert math.sqrt(sum(squares) / len(squares)) == pytest.approx(2, rel=0.05)
+    # The frequencies of its waves are spread evenly from 0.5 to 1.5 times the middle one.
+    motion = Motion(shake_deg=2, shake_hz=5)
+    speeds = [math.hypot(*shaken(motion, 7.3, str(seed))[1]) for seed in range(1000)]
+    spread = math.sqrt(sum(speed**2 for speed in speeds) / len(speeds))
+    assert spread == pytest.approx(2 * 2 * math.pi * 5 * math.sqrt(13 / 12), rel=0.05)
 
 
 def test_shake_is_smooth_and_differs_from_object_to_object() -> None:
@@ -395,5 +415,10 @@ def test_a_disk_that_dims_as_another_approaches_gives_as_much_light(projection: 
     light = [[float(each.luminance(i).sum()) for i in range(42)] for each in (one, other)]
     assert light[1] == pytest.approx(light[0], rel=1e-5)
     assert light[0][0] > 1.2 * light[0][-1]
+    later = dataclasses.replace(still, brightness=dataclasses.replace(dimming, contact_s=1.6))
+    protocol = Protocol(display=display, timing=timing, objects=(later,))
+    half = math.degrees(math.atan(0.06 / 0.6))
+    share = half / 20 if projection == "flat" else 0.1 / math.tan(math.radians(20))
+    assert pose_of(protocol, later, 1.0).luminance == pytest.approx(0.8 - 0.7 * share**2)
     with pytest.raises(StimulusError, match="least_deg must be below most_deg"):
         Brightness(kind="approach", to=0, l_over_v_ms=60, least_deg=50, most_deg=40)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -20,6 +20,9 @@ from oppload_cli.stimulus.patterns import (
     square_wave,
 )
 from tests.stimulus.measuring import made
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 @pytest.mark.parametrize("angle", [0, 10, 45, 90, 133])
@@ -78,6 +81,71 @@ def test_a_zoomed_grating_is_one_of_a_longer_period(kind: str, axis: float) -> N
     zoomed = grating(**look, motion=stimulus.Motion(zoom_per_s=0.8)).luminance(15)
     longer = grating(**look | {"period_deg": 10 * math.exp(0.4)}).luminance(0)
     np.testing.assert_allclose(zoomed, longer, atol=1e-5)
+
+
+@pytest.mark.parametrize("projection", ["flat", "perspective"])
+@pytest.mark.parametrize("kind", ["sine-grating", "square-grating", "plaid"])
+@pytest.mark.parametrize("axis", [0, 90, 207])
+def test_gratings_are_those_of_their_formula(kind: str, projection: str, axis: float) -> None:
+    """The mean of 16 x 16 samples in each pixel; luminance, contrast and phase are no defaults."""
+    look: dict[str, Any] = {"axis_deg": axis, "phase_deg": 40, "centre_deg": (3, -2)}
+    look |= {"period_deg": 6, "luminance": 0.3, "contrast": 0.8}
+    turns = [0.0] if kind != "plaid" else [-25.0, 25.0]
+    obj = stimulus.Object(id="g", kind=kind, **look | ({"plaid_deg": 50} if turns[1:] else {}))
+    display = {"width": 50, "height": 40, "pixels_per_degree": 2, "projection": projection}
+    shown = stimulus.Renderer(made(obj, display=display)).luminance(0)
+    x = ((np.arange(50 * 16) + 0.5) / 16 - 25)[None, :]
+    y = (20 - (np.arange(40 * 16) + 0.5) / 16)[:, None]
+    away, eye = np.hypot(x, y), 2 * 180 / math.pi
+    degrees = np.degrees(np.arctan(away / eye)) / away if projection == "perspective" else 0.5
+    right, up = x * degrees - 3, y * degrees + 2
+    waves = np.zeros((40 * 16, 50 * 16))
+    for turn in np.radians(np.add(turns, axis)):
+        wave = np.sin(2 * np.pi * ((right * np.cos(turn) + up * np.sin(turn)) / 6 + 40 / 360))
+        waves += (np.sign(wave) if kind == "square-grating" else wave) / len(turns)
+    expected = (0.3 * (1 + 0.8 * waves)).reshape(40, 16, 50, 16).mean(axis=(1, 3))
+    assert np.abs(shown - expected).max() < (0.03 if kind == "square-grating" else 0.002)
+
+
+def wavelengths(picture: np.ndarray) -> Callable[[float, float], float]:
+    """Return a function: the share of the variance at wavelengths between two limits in px."""
+    side = picture.shape[0]
+    window = np.hanning(side)[:, None] * np.hanning(side)
+    power = np.abs(np.fft.fft2((picture - picture.mean()) * window)) ** 2
+    frequency = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.fftfreq(side)[None, :])
+    return lambda low, high: float(
+        power[(frequency > 1 / high) & (frequency <= 1 / low)].sum() / power.sum()
+    )
+
+
+@pytest.mark.parametrize(("finest_deg", "finest_px"), [(None, 4), (1.25, 2.5)])
+def test_the_finest_wavelength_of_a_texture(finest_deg: float | None, finest_px: float) -> None:
+    ground = stimulus.Object(id="t", kind="texture", contrast=0.1, finest_deg=finest_deg)
+    display = {"width": 256, "height": 128, "pixels_per_degree": 2}
+    picture = stimulus.Renderer(made(ground, display=display)).luminance(0)
+    share = wavelengths(picture[:, :128])
+    assert share(1, 0.9 * finest_px) < 0.001
+    assert share(finest_px, 1.6 * finest_px) > 0.02
+    # Its tile is as wide as the display, and does not repeat before.
+    assert np.abs(picture[:, :128] - picture[:, 128:]).max() > 0.1
+
+
+def test_a_textured_disk_is_a_disk_whose_texture_grows_with_it() -> None:
+    display = {"width": 260, "height": 260, "pixels_per_degree": 2}
+
+    def shown(**keys: Any) -> np.ndarray:
+        obj = stimulus.Object(id="p", **{"kind": "patch", "luminance": 0.5, **keys})
+        return stimulus.Renderer(made(obj, display=display)).luminance(0)
+
+    plain = shown(kind="disk", size_deg=120)
+    np.testing.assert_array_equal(shown(size_deg=120, contrast=0), plain)
+    large, small = shown(size_deg=120, contrast=0.2), shown(size_deg=10, contrast=0.2)
+    share = wavelengths(large[50:210, 50:210])
+    assert share(1, 0.7 * 240 / 8) < 0.005  # the finest wavelength is an eighth of the size
+    assert share(240 / 8, 240 / 5) > 0.05
+    # A pixel of the small disk has the mean of 12 x 12 pixels of the large one.
+    means = large[46:214, 46:214].reshape(14, 12, 14, 12).mean(axis=(1, 3))
+    assert np.abs(small[123:137, 123:137] - means).max() < 0.02
 
 
 def test_a_textured_disk_turns_counter_clockwise() -> None:

@@ -75,7 +75,9 @@ def middle_and_area(picture: NDArray[np.float32]) -> tuple[float, float, float]:
     return float(weights.sum(0) @ x / total), float(weights.sum(1) @ y / total), float(total)
 
 
-@pytest.mark.parametrize("camera", [{}, {"pan_deg_s": 8.0}, {"shake_deg": 1.0}])
+@pytest.mark.parametrize(
+    "camera", [{}, {"pan_deg_s": 8.0}, {"shake_deg": 1.0}, {"forward_m_s": 6.0}]
+)
 def test_size_and_place_are_those_of_the_geometry(tmp_path: Path, camera: dict[str, Any]) -> None:
     course = {"kind": "straight", "start_m": [-0.4, 0.3, 5], "velocity_m_s": [0.5, -0.2, -4.0]}
     protocol = staged(course, file=white_disk(tmp_path), camera=camera)
@@ -185,8 +187,9 @@ def test_drawings_fill_their_boxes(drawing: str) -> None:
     rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
     box = truth_of(protocol, 0).box_px
     assert box is not None
-    assert abs(columns[-1] + 1 - columns[0] - box[2]) < 2.5
-    assert abs(rows[-1] + 1 - rows[0] - box[3]) < 2.5
+    found = columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
+    wanted = box[0], box[1], box[0] + box[2], box[1] + box[3]
+    assert np.abs(np.subtract(found, wanted)).max() < 1.5
 
 
 def test_a_picture_has_the_brightness_of_its_scene(tmp_path: Path) -> None:
