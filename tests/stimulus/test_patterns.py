@@ -184,6 +184,14 @@ def test_shortest_wavelength() -> None:
     assert spectrum[frequency > 1 / 16 + 1e-9].max() < 1e-3 * spectrum.max()
 
 
+def shortest(ways: np.ndarray, side: float, turn_deg: float) -> np.ndarray:
+    """Return ways on a square that repeats and is turned, each by the shortest way."""
+    turn = math.radians(turn_deg)
+    axes = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    along = ways @ axes
+    return np.asarray((along - side * np.round(along / side)) @ axes.T)
+
+
 @pytest.mark.parametrize(("coherence", "together"), [(0.0, 0.0), (0.25, 0.25), (1.0, 1.0)])
 def test_dots_move_equally_far_together_or_each_in_its_own_direction(
     coherence: float, together: float
@@ -194,26 +202,31 @@ def test_dots_move_equally_far_together_or_each_in_its_own_direction(
         dot_deg=1,
         dots_per_100deg2=10,
         coherence=coherence,
+        axis_deg=35,
         motion=stimulus.Motion(speed_deg_s=5, direction_deg=90),
     )
     protocol = made(dots)
     field = DotField(dots, 0, 60.0)
     before, after = (field.positions(pose_of(protocol, dots, time)) for time in (0.0, 0.4))
-    moved = after - before
-    moved -= field.side * np.round(moved / field.side)
+    moved = shortest(after - before, field.side, 35)
     np.testing.assert_allclose(np.hypot(*moved.T), 5 * 0.4)
     up = np.isclose(moved[:, 1], 5 * 0.4) & np.isclose(moved[:, 0], 0)
     assert up.mean() == pytest.approx(together, abs=0.01)
+    # A pattern that grows lays its dots apart, but does not make their own ways longer.
+    grows = replace(dots, motion=stimulus.Motion(speed_deg_s=5, direction_deg=90, zoom_per_s=0.5))
+    grown = math.exp(0.5 * 0.4)
+    ways = field.positions(pose_of(protocol, grows, 0.4)) - grown * before
+    np.testing.assert_allclose(shortest(ways, grown * field.side, 35), moved, atol=1e-9)
     # A turn of the scene turns each movement.
     turned = replace(protocol, scene=stimulus.Scene(rotation_deg=90))
     before, after = (field.positions(pose_of(turned, dots, time)) for time in (0.0, 0.4))
-    aside = after - before
-    aside -= field.side * np.round(aside / field.side)
-    np.testing.assert_allclose(aside, np.stack([-moved[:, 1], moved[:, 0]], axis=1), atol=1e-9)
+    aside = np.stack([-moved[:, 1], moved[:, 0]], axis=1)
+    np.testing.assert_allclose(shortest(after - before, field.side, 125), aside, atol=1e-9)
     # However far the pattern has moved, and however it is turned, its square lies on the display.
     scene = stimulus.Scene(centre_deg=(100, 30), rotation_deg=90)
-    places = field.positions(pose_of(replace(protocol, scene=scene), dots, 0.4))
-    assert np.abs(places).max() <= field.side / 2 + 1e-9
+    for one, side in ((dots, field.side), (grows, grown * field.side)):
+        places = field.positions(pose_of(replace(protocol, scene=scene), one, 0.4))
+        np.testing.assert_allclose(shortest(places, side, 125), places, atol=1e-9)
 
 
 def test_grid_and_scattered_positions_are_read_alike() -> None:

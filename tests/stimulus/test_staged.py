@@ -138,6 +138,26 @@ def test_a_camera_that_turns_and_shakes_stays_rigid() -> None:
         assert np.linalg.det(axes) == pytest.approx(1)
 
 
+def test_a_camera_moves_as_long_as_the_motion_lasts() -> None:
+    camera = {"start_deg": 5, "pan_deg_s": 10, "forward_m_s": 2}
+    timing = {"before_s": 0.5, "motion_s": 1.0, "after_s": 0.5}
+    protocol = staged(None, {"background": "plane"}, camera=camera, timing=timing)
+    for time, moved_s in ((0.0, 0.0), (0.4, 0.0), (0.8, 0.3), (1.5, 1.0), (1.9, 1.0)):
+        view = view_of(protocol, time)
+        turn = math.radians(5 + 10 * moved_s)
+        assert view.axes[2] == pytest.approx((math.sin(turn), 0, math.cos(turn)))
+        assert view.place == pytest.approx((0, 0, 2 * moved_s))
+
+
+def test_the_shake_of_a_camera_has_the_stated_angle_to_the_side_and_up() -> None:
+    timing = {"motion_s": 60.0}
+    protocol = staged(None, {"background": "plane"}, camera={"shake_deg": 3.0}, timing=timing)
+    ahead = np.array([view_of(protocol, at / 50).axes[2] for at in range(3000)])
+    spread = np.degrees(ahead[:, :2].std(axis=0))
+    assert np.hypot(*spread) == pytest.approx(3, rel=0.05)
+    assert spread.min() > 1.5
+
+
 def test_forward_motion_over_the_ground_has_the_exact_flow() -> None:
     protocol = staged(None, {"background": "plane"}, camera={"forward_m_s": 3, "height_m": 1.2})
     renderer = Renderer(protocol)
@@ -197,6 +217,11 @@ def test_a_picture_has_the_brightness_of_its_scene(tmp_path: Path) -> None:
     wanted: dict[str, Any] = {"relative_luminance": 0.5, "display": {"background": 0.6}}
     picture = Renderer(staged(course, file=white_disk(tmp_path), **wanted)).luminance(0)
     assert picture[HEIGHT // 2, WIDTH // 2] == pytest.approx(0.3, abs=1e-3)
+    ball = staged(course, **wanted)  # darker than 1, and not of one luminance
+    left, top, side, _ = truth_of(ball, 0).box_px or (0, 0, 0, 0)
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    inside = np.hypot(x - left - side / 2, y - top - side / 2) < side / 2 - 1
+    assert Renderer(ball).luminance(0)[inside].mean() == pytest.approx(0.3, rel=0.02)
 
 
 def test_shadow_compression_and_cut_change_the_frames() -> None:
@@ -206,6 +231,7 @@ def test_shadow_compression_and_cut_change_the_frames() -> None:
     bright = staged(course, {"background": "plane"}, relative_luminance=50.0)
     assert Renderer(bright).luminance(0).max() == 1
     change = dark - Renderer(plain).luminance(0)
+    assert (1 + change / Renderer(plain).luminance(0)).min() == pytest.approx(1 - 0.8, abs=0.02)
     assert change.min() < -0.1
     assert change.max() <= 1e-6
     coded = Renderer(staged(course, {"background": "plane"}, effects={"jpeg": 20})).grey(0)
@@ -274,6 +300,14 @@ def test_what_looms_is_on_course_to_hit_and_soon_there() -> None:
     assert not any(truth_of(missed, index).looming for index in range(30))
     assert truth_of(missed, 0).miss_sizes == pytest.approx(1.0)
     assert truth_of(missed, 0).time_to_contact_s is None
+    leaves = truth_of(staged({"kind": "receding", "speed_m_s": 2.0, "distance_m": 3.0}), 5)
+    assert (leaves.miss_sizes, leaves.time_to_contact_s) == (None, None)
+    # It rests after its motion, and would arrive after the clip; or has vanished before.
+    late = staged({**course, "contact_s": 2.0}, timing={"motion_s": 1.0, "after_s": 0.5})
+    times = [truth_of(late, index).time_to_contact_s for index in (15, 35)]
+    assert times == [pytest.approx(1.5), None]
+    gone: dict[str, Any] = {"timing": {"motion_s": 1.0, "after_s": 0.5}, "vanishes": "end"}
+    assert stimulus.ground_truth(staged({**course, "contact_s": 1.3}, **gone))["looming"]
     grazing = {"speed_m_s": 3.0, "bearing_deg": [10.0, 10.0], "miss_sizes": 0.5}
     assert truth_of(staged({"kind": "near-miss", **grazing}), 0).time_to_contact_s == pytest.approx(
         1
