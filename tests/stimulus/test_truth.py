@@ -13,6 +13,7 @@ from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.version import __version__
+from tests.stimulus.measuring import made
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -180,6 +181,27 @@ def test_edge_speed_is_the_change_of_the_size_on_the_display(
             )
             expected *= 2 / ends / 2 * 100
         assert stated.edge_speed_px_frame == pytest.approx(expected, rel=1e-4)
+
+
+def test_patterns_and_edges_have_a_place_that_moves_and_no_size() -> None:
+    """The place is the origin of the pattern, a point of the edge, or the middle of an aperture."""
+    moving = stimulus.Motion(speed_deg_s=10, direction_deg=90)
+    grating: dict[str, Any] = {
+        "id": "g",
+        "kind": "sine-grating",
+        "period_deg": 10,
+        "motion": moving,
+    }
+    edge = stimulus.Object(id="e", kind="edge", motion=moving, centre_deg=(3, 0))
+    for obj, x, moved in (
+        (stimulus.Object(**grating), 100, 5),
+        (stimulus.Object(**grating, size_deg=8), 100, 0),
+        (edge, 115, 5),
+    ):
+        truth = stimulus.frame_truth(made(obj), 15).objects[0]
+        assert truth.angular_size_deg is None
+        place = truth.centre_x_px, truth.centre_y_px
+        assert place == pytest.approx((x, 90 - 5 * moved))
 
 
 def _reach(protocol: stimulus.Protocol, size_deg: float) -> float:
