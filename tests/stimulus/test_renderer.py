@@ -210,6 +210,27 @@ def test_perspective_is_the_tangent() -> None:
     )
 
 
+def test_in_perspective_a_point_lies_in_its_direction_at_the_tangent_of_its_eccentricity() -> None:
+    disk = Object(id="d", kind="disk", size_deg=2, centre_deg=(12, 9))
+    truth = stimulus.frame_truth(made(disk, display={"projection": "perspective"}), 0).objects[0]
+    away = 5 * 180 / math.pi * math.tan(math.radians(15))
+    assert truth.centre_x_px == pytest.approx(100 + away * 12 / 15)
+    assert truth.centre_y_px == pytest.approx(90 - away * 9 / 15)
+
+
+@pytest.mark.parametrize(("axis", "covered"), [(0, "left"), (90, "lower"), (180, "right")])
+def test_an_edge_covers_what_lies_behind_it(axis: float, covered: str) -> None:
+    """Also if its point is far away from the display, where it covers all of it, or nothing."""
+    x, y = np.meshgrid(np.arange(200) + 0.5 - 100, 90 - np.arange(180) - 0.5)
+    dark = {"left": x < 0, "lower": y < 0, "right": x > 0}[covered]
+    edge = Object(id="e", kind="edge", axis_deg=axis)
+    np.testing.assert_array_equal(Renderer(made(edge)).grey(0) == 0, dark)
+    along = math.cos(math.radians(axis)), math.sin(math.radians(axis))
+    for degrees in (-300, 300):
+        far = dataclasses.replace(edge, centre_deg=(degrees * along[0], degrees * along[1]))
+        assert (Renderer(made(far)).grey(0) == (0 if degrees > 0 else 255)).all()
+
+
 def test_perspective_warps_patterns_the_same_way() -> None:
     """A cycle of a grating spans its angle wherever it is: edges lie at f tan(angle)."""
     grating = Object(id="g", kind="square-grating", period_deg=20)
