@@ -208,6 +208,10 @@ def test_perspective_is_the_tangent() -> None:
     assert frame.truth.objects[0].centre_x_px == pytest.approx(
         150 + eye * math.tan(math.radians(25))
     )
+    ring = dataclasses.replace(disk, kind="ring", width_deg=5)
+    frame = next(stimulus.frames(made(ring, display={"width": 300, "height": 300, **WIDE})))
+    hole = eye * math.tan(math.radians(10))
+    assert dark_area(frame) == pytest.approx(math.pi * (radius**2 - hole**2), rel=1e-3)
 
 
 def test_in_perspective_a_point_lies_in_its_direction_at_the_tangent_of_its_eccentricity() -> None:
