@@ -15,19 +15,21 @@ from oppload_cli.errors import faults_at
 from oppload_cli.files.atomic import PartFile, write_atomic
 from oppload_cli.files.tables import csv_text, formatted
 from oppload_cli.models.registry import alarm_floor_of, detector_named, is_rounding_error
+from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
 from oppload_cli.results.table import write_sidecar
 from oppload_cli.stimulus.kinematics import motion_times
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.truth import frame_truth
-from oppload_cli.tuning.present import Measures, measure, present
+from oppload_cli.tuning.present import Measures, measure, present, seen_on
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from oppload_cli.pipeline.settings import Settings
+    from oppload_cli.schema import Parameters
     from oppload_cli.stimulus.catalogue import Entry
     from oppload_cli.stimulus.protocol import Protocol
 
@@ -399,7 +401,9 @@ def write_tuning_sidecar(
         The numbers of each curve, from :func:`oppload_cli.plots.tuning.summary_of`.
     """
     first = entry.protocols()[0]
-    height = settings.height or first.display.height
+    working = StimulusVideo(first, settings.height).working
+    seen = seen_on(first.display, settings.with_all_detectors(), working)
+    resolved = seen.resolved(min(working.shape))
     content = {
         "schema": _SCHEMA,
         "tool": environment(),
@@ -407,11 +411,8 @@ def write_tuning_sidecar(
         "preset": settings.preset,
         "models": list(settings.models),
         "height": settings.height,
-        "parameters": {
-            name: params.as_dict()
-            for name, params in settings.with_all_detectors().resolved(height).items()
-        },
-        "changed": _changed(settings, height),
+        "parameters": {name: params.as_dict() for name, params in resolved.items()},
+        "changed": _changed(settings, resolved),
         "sizes_deg": settings.angles,
         "indicator_s": indicator_s,
         "doubts": [{"model": each.detector, "note": each.note} for each in doubts],
@@ -428,9 +429,8 @@ def write_tuning_sidecar(
     write_sidecar(path, content | ({"figure": dict(figure)} if figure else {}))
 
 
-def _changed(settings: Settings, height: int) -> dict[str, Any]:
+def _changed(settings: Settings, resolved: Mapping[str, Parameters]) -> dict[str, Any]:
     """Return the parameters of the measured detectors that do not come from the preset."""
-    resolved = settings.resolved(height)
     changed: dict[str, Any] = {}
     for key, origin in settings.origins.items():
         group, _, name = key.partition(".")

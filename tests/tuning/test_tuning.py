@@ -68,6 +68,7 @@ def swept(stimulus: str, over: list[str]) -> Entry:
 
 
 ASSIGNED = ["opplod.receptive_field=24", "opplod.cell=2", "repeats.longest_s=0.04"]
+ASSIGNED += ["time.interval=frame"]
 
 
 # A pause makes repeats, which `oppload run` skips: the numbers must be the same here.
@@ -89,7 +90,8 @@ def test_the_numbers_are_those_of_a_run_over_the_video(
     shown = present(protocol, settings)
     with open_video(write(protocol, tmp_path).video, height=settings.height) as video:
         params = settings.model_params()
-        records = list(analyse(video, params, repeats=settings.repeats, rmo=None))
+        time = settings.time
+        records = list(analyse(video, params, repeats=settings.repeats, rmo=None, time=time))
     for model, responses in shown.items():
         answers = [record.responses[model] for record in records]
         expected = [np.nan if each is None else each.response for each in answers]
@@ -139,6 +141,24 @@ def test_contact_and_size_at_the_peak() -> None:
     gone = replace(disk_, id="gone", growth=None, size_deg=80.0, duration_s=0.1, vanishes="end")
     again = measure(shown, replace(protocol, objects=(disk_, gone)))
     assert again.size_at_peak_deg == got.size_at_peak_deg
+    # Of two objects the larger one counts.
+    small = replace(disk_, id="small", growth=None, size_deg=3.0)
+    assert measure(shown, replace(protocol, objects=(disk_, small))) == got
+
+
+def test_each_presentation_has_its_own_responses_and_places(tmp_path: Path) -> None:
+    """The frames and times are those of the first one, and the pause of 0.12 s does not count."""
+    protocol = disk(tmp_path, before=0.12).protocols()[0]
+    count = protocol.frame_count
+    frame = np.arange(2.0 * count)
+    box = np.stack([frame, frame, np.full_like(frame, 2), np.full_like(frame, 4)], axis=1)
+    both = Responses(frame, frame / 25, frame, box).presentations(protocol)
+    for number, each in enumerate(both):
+        got, last = measure(each), (number + 1) * count - 1
+        assert (got.peak, got.peak_frame) == (last, count - 1)
+        assert got.peak_time_s == pytest.approx((count - 1) / 25)
+        assert (got.centre_x, got.centre_y) == (last + 1, last + 2)
+        assert got.mean == pytest.approx(np.mean(frame[number * count + 3 : (number + 1) * count]))
 
 
 def test_measures_without_a_response() -> None:
@@ -191,6 +211,23 @@ def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
     assert content["parameters"]["opplod"]["receptive_field"] == 25  # 5/12 of 60
     assert content["changed"] == {"opplod.gain": 3}
     assert content["stimulus"]["sweep"] == {"disk.growth.speed_deg_s": [15, 25, 35]}
+
+
+@pytest.mark.parametrize(("height", "field"), [("native", 25), ("30", 12)])
+def test_the_sidecar_has_sizes_in_pixels_of_the_shorter_side(
+    height: str, field: int, tmp_path: Path
+) -> None:
+    """The display of 60 x 80 px has 2 px/deg; 5/12 of its width are 25 px."""
+    portrait = disk(tmp_path).with_settings({"display.width": 60, "display.height": 80})
+    path = tmp_path / "a.tuning.json"
+    found = []
+    for assigned in ([], ["opplod.receptive_field=18deg"]):
+        settings = resolve(preset="reference", height=height, assignments=assigned)
+        write_tuning_sidecar(path, portrait, settings, command=[])
+        content = json.loads(path.read_text())
+        found.append(content["parameters"]["opplod"]["receptive_field"])
+    assert found == [field, 36 if height == "native" else 18]
+    assert content["changed"] == {"opplod.receptive_field": "18deg"}
 
 
 @pytest.mark.parametrize(
