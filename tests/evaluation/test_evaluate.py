@@ -150,6 +150,38 @@ def test_responses_and_windows_give_the_figures_again(evaluated: Path) -> None:
     assert int(area["n"]) == len(above) + len(below)
 
 
+def test_tables_and_report_agree_on_every_window_and_frame(evaluated: Path) -> None:
+    """Each window has the largest response of its frames, and lies where its use says."""
+    report = json.loads((evaluated / "report.json").read_text())
+    assert report["manifest"]["looming"] == report["manifest"]["none"] == 2
+    assert report["settings"]["silence_s"] == report["settings"]["window_s"] == 1
+    responses: dict[tuple[str, str], list[str]] = {}
+    for row in rows_of(evaluated / "responses.csv"):
+        responses.setdefault((row["clip"], row["contender"]), []).append(row["response"])
+        assert (row["alarm"] == "") is (row["response"] == "")
+        if row["response"] == "":
+            assert not any(row[name] for name in ("x", "y", "width", "height", "evidence"))
+    firsts = {clip["file"]: clip["first_frame"] for clip in report["clips"]}
+    assert set(firsts.values()) == {3}
+    for clip in report["clips"]:
+        outcomes = [one for each in clip["outcomes"].values() for one in each.values()]
+        detected = {type(one["detected"]) for one in outcomes}
+        assert detected == ({bool} if clip["label"] == "looming" else {type(None)})
+    uses = set()
+    for window in rows_of(evaluated / "windows.csv"):
+        first, last = int(window["first_frame"]), int(window["last_frame"])
+        own = responses[window["clip"], window["contender"]][first : last + 1]
+        assert float(window["score"]) == max(map(float, own))
+        assert firsts[window["clip"]] <= first
+        assert 15 <= last + 1 - first <= 30  # half a second to a second
+        uses.add(window["use"])
+        if window["use"] == "approach":
+            assert last == CONTACT - int(window["frames_before_contact"])
+        else:
+            assert last < CONTACT - 29
+    assert uses == {"approach", "earlier", "without approach"}
+
+
 def test_the_page_holds_every_figure_and_needs_no_other_file(evaluated: Path) -> None:
     page, text = Page(), (evaluated / "evaluation.html").read_text(encoding="utf-8")
     page.feed(text)

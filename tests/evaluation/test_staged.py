@@ -12,6 +12,8 @@ import pytest
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
+from oppload_cli.evaluation.detectors import evaluated_detectors
+from oppload_cli.evaluation.evaluate import evaluate
 from oppload_cli.evaluation.manifest import clips_of
 from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
 from oppload_cli.evaluation.metrics.intervals import draws_of
@@ -59,6 +61,9 @@ def test_a_label_follows_from_the_truth() -> None:
     missed = label_of(MISS, *CHANGES)
     assert not missed.looming
     assert missed.motion == "near miss at 2 sizes"
+    assert ("side" in label.conditions, missed.conditions["side"]) == (False, "left")
+    panned = label_of("staged/collision-pan/background-sky_pan-5_speed-m-8", *CHANGES)
+    assert panned.conditions["camera"] == "pan 5"
     assert missed.boxes == {}
 
 
@@ -112,6 +117,12 @@ def test_approaches_one_after_the_other_are_measured_each(tmp_path: Path) -> Non
     held = outcomes_of(labels, [*range(37, 50), 52, *range(74, 96)])
     np.testing.assert_array_equal(held.detected, [1, 1, 0, np.nan])
     assert held.lead_s[[0, 1]] == pytest.approx([5 / 30, 5 / 30])
+    # All are of one video: each draw of the bootstrap has all of them.
+    found = evaluate(manifest, evaluated_detectors(["frame_difference"]), draws=50)
+    leads = [one for one in found.measurements if one.measure == "lead_time_s" and one.n == 4]
+    assert leads
+    assert all(one.low == one.value == one.high for one in leads)
+    assert len(set(found.performances["frame_difference"].thresholds.peaks)) > 1
     # Begun in the first frame of the third.
     begun = outcomes_of(labels, [60, 63])
     assert list(begun.detected) == [0, 0, 1, 0]
@@ -437,6 +448,12 @@ def test_the_boxes_of_a_scaled_video_are_in_its_own_pixels(tmp_path: Path) -> No
     found = clips_of([*videos, videos[0]], None, [], [])  # each video counts once
     (label,) = (entry.label for entry in found.entries)
     complete = label_of(HIT, *CHANGES)
+    write_video(tmp_path / "wide.avi", grey_frames(30, 65, 48))  # not of the display's shape
+    (tmp_path / "wide.stimulus.json").write_text(json.dumps(truth))
+    (wide,) = clips_of([str(tmp_path / "wide.avi")], None, [], []).entries
+    for frame, (left, top, width, height) in complete.boxes.items():
+        stretched = 65 / 64 * left, top, 65 / 64 * width, height
+        assert wide.label.boxes[frame] == pytest.approx(stretched)
     assert label.boxes == {
         frame: tuple(side / 2 for side in box) for frame, box in complete.boxes.items()
     }
