@@ -451,8 +451,8 @@ def test_the_boxes_of_a_scaled_video_are_in_its_own_pixels(tmp_path: Path) -> No
     write_video(tmp_path / "wide.avi", grey_frames(30, 65, 48))  # not of the display's shape
     (tmp_path / "wide.stimulus.json").write_text(json.dumps(truth))
     (wide,) = clips_of([str(tmp_path / "wide.avi")], None, [], []).entries
-    for frame, (left, top, width, height) in complete.boxes.items():
-        stretched = 65 / 64 * left, top, 65 / 64 * width, height
+    for frame, box in complete.boxes.items():
+        stretched = 65 / 64 * box.x, box.y, 65 / 64 * box.width, box.height
         assert wide.label.boxes[frame] == pytest.approx(stretched)
     assert label.boxes == {
         frame: tuple(side / 2 for side in box) for frame, box in complete.boxes.items()

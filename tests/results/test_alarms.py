@@ -30,10 +30,11 @@ def verdict(
     cause: str = "rest",
     threshold: float | tuple[float, ...] = 2.0,
     contacts: Mapping[int, float] = {4: 0.6},
+    hidden: tuple[int, ...] = (),
 ) -> Verdict:
     """Return the verdict; `threshold` holds in all frames, or is one for each.
 
-    `contacts` has times to contact in s by frame.
+    `contacts` has times to contact in s by frame; frames in `hidden` have no object.
     """
     log = AlarmLog("opplod")
     for t, response in enumerate(responses):
@@ -46,7 +47,7 @@ def verdict(
                 {"opplod": Response(response)},
                 {"opplod": t in on},
                 thresholds={"opplod": threshold[t] if isinstance(threshold, tuple) else threshold},
-                objects={"opplod": place},
+                objects={"opplod": None if t in hidden else place},
                 blind=cause * (t in blind),
             )
         )
@@ -75,6 +76,9 @@ def test_the_first_time_to_contact_of_an_alarm_counts_from_its_start() -> None:
 def test_of_equal_peaks_the_first_one_gives_the_box() -> None:
     (alarm,) = verdict([0, 3, 3, 1], on=[1, 2, 3]).alarms
     assert (alarm.peak_over_threshold, alarm.box) == (1.5, [1, 0, 9, 9])
+    # A larger response without an object leaves the box of the one before.
+    (alarm,) = verdict([0, 3, 5, 1], on=[1, 2, 3], hidden=(2,)).alarms
+    assert (alarm.peak_over_threshold, alarm.box) == (2.5, [1, 0, 9, 9])
 
 
 def test_an_alarm_below_its_threshold_has_its_reason() -> None:
@@ -93,6 +97,8 @@ def test_an_alarm_below_its_threshold_has_its_reason() -> None:
 
 
 def test_an_alarm_without_a_contact_does_not_speak_of_one() -> None:
+    (alarm,) = verdict([0, 1, 1], on=[1, 2], contacts={}).alarms
+    assert alarm.near_contact is False
     constant = [0.25, 0.25, 0.25]  # with a floor of 0 it alarms before a background is known
     assert str(verdict(constant, on=[0, 1, 2], threshold=(0.0, 2.0, 2.0))) == (
         "alarm at 0.00 s (frame 0), response up to 0.12 times the threshold, but above the "
@@ -112,11 +118,13 @@ def test_an_alarm_without_a_contact_does_not_speak_of_one() -> None:
 def test_multiples_have_no_exponent() -> None:
     assert [times(value) for value in (0.26, 99.4, 99.5, 1207)] == ["0.26", "99", "100", "1207"]
     # A response below the threshold is not told as one at the threshold.
+    assert [times(value) for value in (0.0099, 0.0101)] == ["<0.01", "0.01"]
     assert [times(value) for value in (0.994, 0.9999, 1.0, 1.004)] == ["0.99", "0.99", "1", "1"]
 
 
 def test_no_alarm_tells_how_near_it_came() -> None:
-    assert str(verdict([0, 0.5, 0], on=[])) == "no alarm, peak at 0.25 of the threshold"
+    silent = verdict([0, 0.5, 0], on=[])
+    assert (str(silent), silent.strongest) == ("no alarm, peak at 0.25 of the threshold", 0.25)
     for cause, words in (
         ("start", "at the start"),
         ("cut", "at a cut or a flash"),

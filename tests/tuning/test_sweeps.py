@@ -254,11 +254,18 @@ def test_a_pause_before_the_motion_is_no_part_of_a_presentation(tmp_path: Path) 
     protocol = disk(tmp_path, 0.12).protocols()[0]  # 3 of 18 frames
     count = protocol.frame_count
     frames = np.arange(2.0 * count)
-    responses = Responses(frames, frames / 25, frames, np.zeros((2 * count, 4)))
+    responses = Responses(frames, frames / 25, frames, np.tile(frames, (4, 1)).T)
     first, second = responses.presentations(protocol)
     assert np.isnan(second.response).tolist() == [True] * 3 + [False] * (count - 3)
     assert second.response[3] == count + 3
     np.testing.assert_array_equal(first.time_s, second.time_s)
+    assert second.centre[-1].tolist() == [1.5 * (2 * count - 1)] * 2
+
+
+def test_a_setting_of_the_user_replaces_that_of_a_figure() -> None:
+    for assigned, units in (((), "1x1"), (("opplod.units=3x3",), "3x3")):
+        (found,) = sweeps(None, ["position"], {}, [], {"assignments": assigned})
+        assert found.settings.groups["opplod"].as_dict()["units"] == units
 
 
 def test_the_map_of_positions_peaks_where_the_unit_is() -> None:

@@ -146,21 +146,6 @@ def test_contact_and_size_at_the_peak() -> None:
     assert measure(shown, replace(protocol, objects=(disk_, small))) == got
 
 
-def test_each_presentation_has_its_own_responses_and_places(tmp_path: Path) -> None:
-    """The frames and times are those of the first one, and the pause of 0.12 s does not count."""
-    protocol = disk(tmp_path, before=0.12).protocols()[0]
-    count = protocol.frame_count
-    frame = np.arange(2.0 * count)
-    box = np.stack([frame, frame, np.full_like(frame, 2), np.full_like(frame, 4)], axis=1)
-    both = Responses(frame, frame / 25, frame, box).presentations(protocol)
-    for number, each in enumerate(both):
-        got, last = measure(each), (number + 1) * count - 1
-        assert (got.peak, got.peak_frame) == (last, count - 1)
-        assert got.peak_time_s == pytest.approx((count - 1) / 25)
-        assert (got.centre_x, got.centre_y) == (last + 1, last + 2)
-        assert got.mean == pytest.approx(np.mean(frame[number * count + 3 : (number + 1) * count]))
-
-
 def test_measures_without_a_response() -> None:
     times, blank = np.arange(4.0), np.full((4, 4), np.nan)
     assert measure(Responses(times, times, blank[0], blank)) == Measures()
