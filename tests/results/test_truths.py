@@ -9,7 +9,14 @@ import pytest
 
 from oppload_cli.errors import StimulusError
 from oppload_cli.results.reading import read_result
-from oppload_cli.results.truths import find_truth, read_truth, truth_fault, usable_truth
+from oppload_cli.results.truths import (
+    contacts_of,
+    find_truth,
+    read_truth,
+    sizes_in,
+    truth_fault,
+    usable_truth,
+)
 from oppload_cli.stimulus import ground_truth, load
 from tests.results.make import write_result
 
@@ -55,6 +62,19 @@ def test_another_shape_or_length_is_that_of_another_video(
 ) -> None:
     found = fault_of(tmp_path, TRUTH, *shown)
     assert found == (f"belongs to another video, of {fault}" if fault else "")
+
+
+def test_contacts_and_sizes_of_two_disks() -> None:
+    """The stated contact comes first; the disks appear at 0.2 and 0.8 s, without a size before."""
+    truth = ground_truth(load("controls/two-looming-disks"))
+    assert contacts_of(truth) == pytest.approx([1.6, 2.2])
+    assert contacts_of({**truth, "contact_time_s": None}) == pytest.approx([1.6, 2.2])
+    assert contacts_of({**truth, "contact_time_s": 2.2}) == pytest.approx([2.2, 1.6])
+    sizes = sizes_in([*truth["frames"], None])
+    assert list(sizes) == ["first", "second"]
+    for at, (name, shown) in enumerate((("first", 6), ("second", 24))):
+        known = [frame["objects"][at]["angular_size_deg"] for frame in truth["frames"][shown:]]
+        assert sizes[name] == [*[None] * shown, *known, None]
 
 
 def test_a_short_truth_may_differ_by_five_frames(tmp_path: Path) -> None:
