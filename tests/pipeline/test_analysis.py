@@ -246,6 +246,11 @@ def test_the_rate_of_an_array_is_that_of_its_usual_step() -> None:
         assert video.facts.frame_rate == 32
     with open_source(np.zeros((2, 8, 8), np.uint8), times=[0, 1e-6]) as video:
         assert video.facts.frame_rate is None
+    with (
+        pytest.raises(ParameterError, match=r"frame 2 has .* and the frame before"),
+        open_source(np.zeros((3, 8, 8), np.uint8), times=[0, 0.1, 0.1]),
+    ):
+        pass
     # Preset paper counts frames, and the others count time.
     for preset, interval in (("paper", "frame"), ("reference", "1/30")):
         assert pass_params(preset=preset).time.interval == interval

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 from oppload_cli import DlgmdResponse, FrameRecord
+from oppload_cli.detection.places import Detection
+from oppload_cli.models.detector import Box, Response
 from oppload_cli.results.table import ModelSummary
 
 
@@ -31,3 +33,16 @@ def test_summary_of_nothing() -> None:
     summary = ModelSummary()
     summary.add(record(0, None), "dlgmd")
     assert (summary.frames, summary.peak, summary.first_alarm_frame) == (0, None, None)
+
+
+def test_a_row_has_the_box_of_the_object_and_the_centre_of_the_unit() -> None:
+    place = Detection(1, Box(10, 20, 30, 40), 25.0, 40.0, 0.5, False, None)
+    unit = Response(0.5, Box(100, 200, 8, 4))
+    row = FrameRecord(
+        7, 0.7, 0.1, {"opplod": unit}, {"opplod": True}, thresholds={"opplod": 0.25},
+        objects={"opplod": place}, evidence={"opplod": 5.0},
+    ).values()  # fmt: skip
+    names = ("x", "y", "width", "height", "unit_x", "unit_y")
+    assert [row[f"opplod_{name}"] for name in names] == [10, 20, 30, 40, 104, 202]
+    assert (row["opplod_response"], row["opplod_over_threshold"]) == (0.5, 2)
+    assert (row["opplod_alarm"], row["opplod_evidence_over_threshold"]) == (True, 20)
