@@ -85,7 +85,7 @@ class Colour:
     def _converted(self, picture: Picture) -> Bgr:
         original = picture.original
         if isinstance(original, np.ndarray):
-            return self._resized(original)
+            return resized(original, self._coded)
         if original is not None and not original.format.name.startswith("gray"):
             with suppress(av.error.FFmpegError, ValueError):
                 space = self._assumed(original)
@@ -95,13 +95,10 @@ class Colour:
                 )
                 return np.asarray(converted.to_ndarray(), np.uint8)
         table = np.rint(luminance_table(picture.bits, picture.full_range) * 255).astype(np.uint8)
-        return self._resized(np.asarray(cv2.cvtColor(table[picture.plane], cv2.COLOR_GRAY2BGR)))
+        grey = np.asarray(cv2.cvtColor(table[picture.plane], cv2.COLOR_GRAY2BGR))
+        return resized(grey, self._coded)
 
     def _assumed(self, frame: av.VideoFrame) -> int | None:
         """Return the colour space to assume for a frame; None: use the one that it states."""
         large = min(frame.width, frame.height) > _STANDARD_LINES
         return Colorspace.ITU709 if large and frame.colorspace == _UNSPECIFIED else None
-
-    def _resized(self, colour: Bgr) -> Bgr:
-        fits = (colour.shape[1], colour.shape[0]) == self._coded
-        return colour if fits else resized(colour, self._coded)

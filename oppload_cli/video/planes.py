@@ -38,8 +38,6 @@ class Resizing:
         """
         rows, columns = plane.shape
         width, height = self._coded
-        if (columns, rows) == (width, height):
-            return plane
         if columns >= _LEAST_REDUCTION * width and rows >= _LEAST_REDUCTION * height:
             return self._averaged(plane)
         return resized(plane, self._coded)
@@ -58,7 +56,9 @@ class Resizing:
 
 
 def resized(picture: Plane, size: tuple[int, int]) -> Plane:
-    """Return a plane or a colour picture at another size (width, height), resized by OpenCV."""
+    """Return a plane or a colour picture at a size (width, height); OpenCV resizes it if needed."""
+    if (picture.shape[1], picture.shape[0]) == size:
+        return picture
     import cv2
 
     shrinks = size[0] <= picture.shape[1] and size[1] <= picture.shape[0]
