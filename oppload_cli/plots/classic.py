@@ -37,11 +37,27 @@ class TuningCurve(NamedTuple):
     tuning: Tuning
     detector: type[Detector]
     table: str  # its name if there are several tables, else empty
-    look: dict[str, Any]  # line properties of matplotlib
     rows: pd.DataFrame  # of the detector
-    peaks: Series  # in each row
-    largest: float  # the largest peak
-    doubts: str  # why the curve means little; a line break before each reason
+    look: dict[str, Any]  # line properties of matplotlib
+
+    @property
+    def peaks(self) -> Series:
+        """The peak in each row."""
+        return self.rows["peak"].to_numpy(float)
+
+    @property
+    def largest(self) -> float:
+        """The largest peak."""
+        return float(self.peaks.max())
+
+    @property
+    def doubts(self) -> str:
+        """Why the curve means little, from the sidecar; a line break before each reason."""
+        return "".join(
+            f"\n{doubt.get('note')}"
+            for doubt in self.tuning.sidecar.get("doubts", ())
+            if isinstance(doubt, dict) and doubt.get("model") == self.detector.name
+        )
 
     @property
     def name(self) -> str:
@@ -53,6 +69,15 @@ class TuningCurve(NamedTuple):
         """The name with the largest peak, for a legend."""
         largest = f"largest peak {style.short_number(self.largest)} ({self.detector.unit})"
         return style.wrapped(f"{self.name}, {largest}{self.doubts}", style.LEGEND_WIDTH)
+
+    def over_largest(self, across: str, up: str) -> tuple[pd.DataFrame, float]:
+        """Return a map of the peaks divided by the largest one, and the largest one.
+
+        The map has a column for each value of the parameter `across`, and a row for each of `up`.
+        """
+        peaks = self.rows.pivot_table(index=up, columns=across, values="peak")
+        largest = float(np.nanmax(peaks))
+        return peaks / (largest or 1.0), largest
 
 
 class Request(NamedTuple):
@@ -80,12 +105,7 @@ class Request(NamedTuple):
             if len(rows := tuning.of(model))
         ]
         looks = style.looks_of([detector.name for _, detector, _, _ in shown])
-        curves = []
-        for (tuning, detector, table, rows), look in zip(shown, looks, strict=True):
-            peaks, doubts = rows["peak"].to_numpy(float), style.doubts_of(tuning, detector.name)
-            largest = float(peaks.max())
-            curves.append(TuningCurve(tuning, detector, table, look, rows, peaks, largest, doubts))
-        return curves
+        return [TuningCurve(*each, look) for each, look in zip(shown, looks, strict=True)]
 
     def of_one_table(self, figure: str) -> list[TuningCurve]:
         """Return the curves in the table's order; raise ResultError if there are more tables."""
@@ -171,12 +191,10 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     above = 0.25 + 0.14 * style.wrapped(request.title, style.TITLE_WIDTH).count("\n")
     with _panels(len(curves), labels, 0.85, above) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
-            cells = curve.rows.pivot_table(index=up, columns=right, values="peak")
-            share = cells.to_numpy(float)
+            cells, _ = curve.over_largest(right, up)
+            x, y, share = (part.to_numpy(float) for part in (cells.columns, cells.index, cells))
             if np.isnan(share).any() or min(share.shape) < 2:
                 raise ResultError(f"{tuning.path}: its positions are no grid; draw kind 'heat'")
-            share = share / (float(share.max()) or 1.0)
-            x, y = cells.columns.to_numpy(float), cells.index.to_numpy(float)
             edges = style.edges_of(x), style.edges_of(y)
             image = panel.pcolormesh(
                 *edges, share, cmap=style.SHADES, vmin=0, vmax=1, rasterized=True

@@ -212,15 +212,6 @@ def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
     ]
 
 
-def doubts_of(tuning: Tuning, detector: str) -> str:
-    """Return the reasons why a curve means little, from the sidecar; a line break before each."""
-    return "".join(
-        f"\n{doubt.get('note')}"
-        for doubt in tuning.sidecar.get("doubts", ())
-        if isinstance(doubt, dict) and doubt.get("model") == detector
-    )
-
-
 def first_stimulus(tuning: Tuning) -> dict[str, Any]:
     """Return the protocol of a table's first stimulus from the sidecar, without damaged parts."""
     first = tuning.sidecar.get("stimulus", {}).get("first")

@@ -22,11 +22,9 @@ from oppload_cli.stimulus.catalogue import in_toml
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
 
 _NARROW = 7  # columns of a heat map with numbers that fit into a journal's column
@@ -377,7 +375,8 @@ def _plot_heat(request: Request) -> tuple[Figure, list[Axes]]:
     with style.styled_figure(width, height) as figure:
         axes = list(figure.subplots(len(curves), 1, squeeze=False)[:, 0])
         style.write_title(figure, request.title)
-        norm = style.norm_of(np.concatenate([_shares(curve)[0].ravel() for curve in curves]))
+        shares = [curve.over_largest(*tuning.parameters)[0] for curve in curves]
+        norm = style.norm_of(np.concatenate([share.to_numpy().ravel() for share in shares]))
         for panel, curve in zip(axes, curves, strict=True):
             image = _draw_heat(panel, curve, norm)
             cut = np.nanmin(np.asarray(image.get_array())) < (image.norm.vmin or 0)
@@ -400,20 +399,12 @@ def _plot_small_heats(curves: Sequence[TuningCurve], title: str) -> tuple[Figure
     return figure, axes
 
 
-def _shares(curve: TuningCurve) -> tuple[NDArray[np.float64], float, pd.DataFrame]:
-    """Return the peaks of a heat map divided by the largest, the largest one, and the table."""
-    across, up = curve.tuning.parameters
-    cells = curve.rows.pivot_table(index=up, columns=across, values="peak")
-    values = cells.to_numpy(float)
-    largest = float(np.nanmax(values))
-    return (values / largest if largest > 0 else values), largest, cells
-
-
 def _draw_heat(
     axes: Axes, curve: TuningCurve, norm: Normalize, *, small: bool = False
 ) -> ScalarMappable:
     across, up = curve.tuning.parameters
-    share, largest, cells = _shares(curve)
+    cells, largest = curve.over_largest(across, up)
+    share = cells.to_numpy(float)
     image: ScalarMappable
     if {across.rpartition(".")[2], up.rpartition(".")[2]} == {"right", "up"}:  # at true distances
         x, y = cells.columns.to_numpy(float), cells.index.to_numpy(float)
