@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -26,7 +26,7 @@ from oppload_cli.video.inputs import IMAGE_SUFFIXES
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -213,25 +213,18 @@ def _covering(luma: Picture, width: int, height: int) -> NDArray[np.uint8]:
     return np.asarray(np.rint(part * np.float32(255)), np.uint8)
 
 
-class _Piece(NamedTuple):
-    """A surface, and the distance in metres at which haze hides 63 % of it (0: no haze)."""
-
-    surface: Surface
-    clear_m: float
-
-
 @dataclass(frozen=True)
 class _Surroundings:
-    pieces: tuple[_Piece, ...]  # in the order in which they are drawn
+    surfaces: Sequence[Surface]  # in the order in which they are drawn
     haze: float  # luminance of the haze, and of pixels that show no surface
 
     def picture(self, view: View, height: int, width: int) -> Picture:
         """Return the place as a camera sees it, float32 (h, w), luminance 0 to 1."""
         picture = np.full((height, width), self.haze, np.float32)
-        for piece, placed, covered in self._seen(view, height, width):
-            colours = piece.surface.values(placed)
-            if piece.clear_m:
-                clear = np.exp(-placed.depth / piece.clear_m).astype(np.float32)
+        for surface, placed, covered in self._seen(view, height, width):
+            colours = surface.values(placed)
+            if surface.clear_m:
+                clear = np.exp(-placed.depth / surface.clear_m).astype(np.float32)
                 colours = self.haze + (colours - np.float32(self.haze)) * clear
             part = picture[placed.window.slices]
             part += (colours - part) * covered
@@ -249,8 +242,8 @@ class _Surroundings:
         x = np.arange(width)[None, :] + 0.5
         y = np.arange(height)[:, None] + 0.5
         moved = np.full((height, width, 2), np.nan)
-        for piece, placed, covered in self._seen(view, height, width):
-            to_x, to_y = piece.surface.to_px(later, placed.u, placed.v)
+        for surface, placed, covered in self._seen(view, height, width):
+            to_x, to_y = surface.to_px(later, placed.u, placed.v)
             rows, columns = placed.window.slices
             flow = np.stack([to_x - x[:, columns], to_y - y[rows]], axis=-1)
             moved[rows, columns][covered >= 0.5] = flow[covered >= 0.5]
@@ -258,12 +251,12 @@ class _Surroundings:
 
     def _seen(
         self, view: View, height: int, width: int
-    ) -> Iterator[tuple[_Piece, Placed, Picture]]:
+    ) -> Iterator[tuple[Surface, Placed, Picture]]:
         """Yield each surface that is seen, its points, and the share of each pixel it covers."""
-        for piece in self.pieces:
-            shown = piece.surface.seen(view, height, width)
+        for surface in self.surfaces:
+            shown = surface.seen(view, height, width)
             if shown is not None:
-                yield piece, *shown
+                yield surface, *shown
 
 
 @lru_cache(maxsize=8)
@@ -284,7 +277,7 @@ def _repeated(values: Floats | Picture) -> Texture:
     return Texture(np.clip(values, 0, 1).astype(np.float32), repeats=True)
 
 
-def _backdrop(values: Floats | Picture, wide_m: float) -> tuple[_Piece, ...]:
+def _backdrop(values: Floats | Picture, wide_m: float) -> list[Surface]:
     """Return a picture very far away, ahead and on both sides; it repeats every `wide_m` metres."""
     texture, far = _repeated(values), _BACKDROP_M
     sides: tuple[tuple[Vector, Vector], ...] = (
@@ -293,22 +286,25 @@ def _backdrop(values: Floats | Picture, wide_m: float) -> tuple[_Piece, ...]:
         ((far, 0.0, 0.0), _AHEAD),
     )
     extent = (-far, -far, far, far)
-    return tuple(
-        _Piece(Surface(at, along, _UP, texture, _SIDE / wide_m, (0.0, wide_m / 2), extent), 0.0)
+    return [
+        Surface(at, along, _UP, texture, _SIDE / wide_m, (0.0, wide_m / 2), extent)
         for at, along in sides
-    )
+    ]
 
 
-def _ground(values: Floats | Picture, down: float, tile_m: float, clear_m: float) -> _Piece:
-    """Return an endless ground; the middle column of its repeating texture lies straight ahead."""
-    corner = (-tile_m / 2, 0.0)
-    texture = _repeated(values)
-    return _Piece(Surface((0, down, 0), _RIGHT, _AHEAD, texture, _SIDE / tile_m, corner), clear_m)
+def _level(values: Floats | Picture, up: float, tile_m: float, clear_m: float) -> Surface:
+    """Return an endless ground or ceiling, `up` metres above the camera.
+
+    The middle column of its repeating texture lies straight ahead.
+    """
+    texture, corner = _repeated(values), (-tile_m / 2, 0.0)
+    scale = _SIDE / tile_m
+    return Surface((0, up, 0), _RIGHT, _AHEAD, texture, scale, corner, clear_m=clear_m)
 
 
 def _wall(
     values: Floats | Picture, at: Vector, along: Vector, size: tuple[float, float, float]
-) -> _Piece:
+) -> Surface:
     """Return an upright wall.
 
     `at` is its lower corner, `along` its direction, `size` its length, its height and the side of
@@ -316,8 +312,8 @@ def _wall(
     """
     long, high, tile_m = size
     extent = (0.0, 0.0, long, high)
-    surface = Surface(at, along, _UP, _repeated(values), _SIDE / tile_m, (0.0, high), extent)
-    return _Piece(surface, _CLEAR_M)
+    texture, corner = _repeated(values), (0.0, high)
+    return Surface(at, along, _UP, texture, _SIDE / tile_m, corner, extent, _CLEAR_M)
 
 
 def _sky(random: Random, horizon: float = 0.8) -> Picture:
@@ -334,7 +330,7 @@ def _sky(random: Random, horizon: float = 0.8) -> Picture:
 
 def _plane(random: Random, down: float) -> _Surroundings:
     ground = 0.45 * (1 + 0.35 * _noise(random, 1.0))
-    return _Surroundings((_ground(ground, down, 8.0, 0.0),), 0.8)
+    return _Surroundings([_level(ground, down, 8.0, 0.0)], 0.8)
 
 
 def _facade(random: Random) -> Floats:
@@ -362,26 +358,26 @@ def _street(random: Random, down: float) -> _Surroundings:
     road[:, x > 3.7] = 0.5 * (1 + 0.12 * _noise(random))[:, x > 3.7]
     road[:, np.abs(x - 3.5) < 0.1] = 0.85
     road[np.ix_(dash, x < 0.08)] = 0.85
-    pieces = [*_backdrop(_sky(random), 6000), _ground(road, down, tile, 90)]
+    surfaces = [*_backdrop(_sky(random), 6000), _level(road, down, tile, 90)]
     houses = [_facade(random) for _ in range(4)]
     for side in (-1.0, 1.0):
         for number in range(7):
             high = float(random.uniform(7, 14))
             at = (side * 7.5, down, 16.0 * (number - 1))
             values = houses[int(random.integers(len(houses)))]
-            pieces.append(_wall(values, at, _AHEAD, (16.0, high, 14.0)))
+            surfaces.append(_wall(values, at, _AHEAD, (16.0, high, 14.0)))
     posts = [(side * 4.6, float(at)) for at in range(4, 88, 12) for side in (-1, 1)]
     iron = 0.2 * (1 + 0.2 * _noise(random))
     for right, ahead in sorted(posts, key=lambda post: -post[1]):
-        pieces.append(_wall(iron, (right - 0.08, down, ahead), _RIGHT, (0.16, 4.5, 4.0)))
-    return _Surroundings(tuple(pieces), 0.75)
+        surfaces.append(_wall(iron, (right - 0.08, down, ahead), _RIGHT, (0.16, 4.5, 4.0)))
+    return _Surroundings(surfaces, 0.75)
 
 
 def _forest(random: Random, down: float) -> _Surroundings:
     """Return leaves on the ground, trunks, and foliage behind them."""
     leaves = 0.3 * (1 + 0.5 * _noise(random, 0.8))
     foliage = 0.38 * (1 + 0.55 * _noise(random, 0.9))
-    pieces = [*_backdrop(foliage, 3000), _ground(leaves, down, 6.0, 60)]
+    surfaces = [*_backdrop(foliage, 3000), _level(leaves, down, 6.0, 60)]
     bark = [0.2 * (1 + 0.45 * _noise(random, 0.6)) for _ in range(3)]
     trunks = [
         (side * random.uniform(2.2, 16), random.uniform(3, 70), random.uniform(0.2, 0.6))
@@ -391,8 +387,8 @@ def _forest(random: Random, down: float) -> _Surroundings:
     for right, ahead, wide in sorted(trunks, key=lambda trunk: -trunk[1]):
         values = bark[int(random.integers(3))] * random.uniform(0.7, 1.6)
         at = (right - wide / 2, down, ahead)
-        pieces.append(_wall(values, at, _RIGHT, (wide, 14.0, 2.0)))
-    return _Surroundings(tuple(pieces), 0.45)
+        surfaces.append(_wall(values, at, _RIGHT, (wide, 14.0, 2.0)))
+    return _Surroundings(surfaces, 0.45)
 
 
 def _room(random: Random, down: float) -> _Surroundings:
@@ -402,13 +398,8 @@ def _room(random: Random, down: float) -> _Surroundings:
     planks[:: _SIDE // 4] *= 0.7
     ceiling = 0.8 * (1 + 0.03 * _noise(random))
     ceiling[:: _SIDE // 4] = ceiling[:, :: _SIDE // 4] = 0.6
-    top, far = down + 2.8, 18.0
-    pieces = [
-        _ground(planks, down, 4.0, 0.0),
-        _Piece(
-            Surface((0, top, 0), _RIGHT, _AHEAD, _repeated(ceiling), _SIDE / 4, (-2.0, 0.0)), 0.0
-        ),
-    ]
+    surfaces = [_level(planks, down, 4.0, 0.0), _level(ceiling, down + 2.8, 4.0, 0.0)]
+    far = 18.0
     for at, along, long in (
         ((-3.0, down, -6.0), _AHEAD, far + 6),
         ((3.0, down, -6.0), _AHEAD, far + 6),
@@ -421,8 +412,8 @@ def _room(random: Random, down: float) -> _Surroundings:
             wall[y : y + high, x : x + wide] = random.uniform(0.15, 0.9)
             inner = wall[y + 6 : y + high - 6, x + 6 : x + wide - 6]
             inner[:] = (0.45 * (1 + 0.5 * _noise(random, 1.2)))[: inner.shape[0], : inner.shape[1]]
-        pieces.append(_wall(wall, at, along, (long, 2.8, 5.0)))
-    return _Surroundings(tuple(pieces), 0.6)
+        surfaces.append(_wall(wall, at, along, (long, 2.8, 5.0)))
+    return _Surroundings(surfaces, 0.6)
 
 
 def _open_sky(random: Random, down: float) -> _Surroundings:
@@ -432,9 +423,8 @@ def _open_sky(random: Random, down: float) -> _Surroundings:
         y, x = random.integers(0, _SIDE, 2)
         high, wide = random.integers(40, 160, 2)
         fields[y : y + high, x : x + wide] *= random.uniform(0.6, 1.5)
-    return _Surroundings(
-        (*_backdrop(_sky(random, 0.85), 5000), _ground(fields, down, 60.0, 500)), 0.8
-    )
+    surfaces = [*_backdrop(_sky(random, 0.85), 5000), _level(fields, down, 60.0, 500)]
+    return _Surroundings(surfaces, 0.8)
 
 
 _KINDS: dict[str, Callable[[Random, float], _Surroundings]] = {

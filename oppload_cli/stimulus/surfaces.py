@@ -116,6 +116,7 @@ class Surface:
     per_metre: float  # texels per metre
     corner: tuple[float, float] = (0.0, 0.0)  # u and v of the texture's upper left corner
     extent: Rectangle | None = None  # least u, least v, largest u, largest v; None: endless
+    clear_m: float = 0.0  # haze hides 63 % of the surface at this distance; 0: no haze
 
     def _matrix(self, view: View) -> Floats:
         """Return the matrix from ``(x, y, 1)`` in pixels to ``(u, v, 1) / depth``."""
