@@ -9,15 +9,7 @@ import click
 
 from oppload_cli.benchmark.battery import TABLES, columns_of, show
 from oppload_cli.benchmark.output import Benchmark, refuse_other, settings_of, write_benchmark
-from oppload_cli.cli import progress_bar, say
-from oppload_cli.cli.options import (
-    if_exists_option,
-    jobs_option,
-    models_option,
-    names_in,
-    output_option,
-    quiet_option,
-)
+from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.detectors import chosen_detectors
 from oppload_cli.evaluation.evaluate import evaluate
@@ -26,7 +18,7 @@ from oppload_cli.files.atomic import make_folder
 
 
 @click.command()
-@models_option(
+@options.models(
     metavar="NAME[:PRESET]",
     help="Detectors: NAME, or NAME:PRESET of one that presets change.  [default: all]",
 )
@@ -42,10 +34,10 @@ from oppload_cli.files.atomic import make_folder
     metavar="MANIFEST.csv",
     help="Labelled clips to evaluate the detectors on as well, as by 'oppload evaluate'.",
 )
-@output_option("benchmark")
-@jobs_option("detectors")
-@if_exists_option("a benchmark with other settings")
-@quiet_option
+@options.output("benchmark")
+@options.jobs("detectors")
+@options.if_exists("a benchmark with other settings")
+@options.quiet
 def benchmark(
     models: tuple[str, ...],
     only: tuple[str, ...],
@@ -62,9 +54,9 @@ def benchmark(
     settings, and a file per stimulus in stimuli/. If you stop a benchmark and give the same
     command again, it reads these files and goes on.
     """
-    chosen = names_in(only)
+    chosen = options.names_in(only)
     columns = columns_of(chosen)
-    detectors = chosen_detectors(names_in(models))
+    detectors = chosen_detectors(options.names_in(models))
     tables = [table.name for table in TABLES if table.name in chosen or not chosen]
     settings = settings_of(detectors, tables, manifest)
     read = read_manifest(manifest) if manifest else None

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from oppload_cli.cli import say
-from oppload_cli.cli.options import if_exists_option
+from oppload_cli.cli import options, say
 from oppload_cli.errors import ExitCode, counted
 from oppload_cli.results import collecting
 
@@ -25,7 +24,7 @@ from oppload_cli.results import collecting
     help="The table: .csv or .parquet.",
 )
 @click.option("--frames", "of_frames", is_flag=True, help="A row per frame, of all inputs.")
-@if_exists_option("the table")
+@options.if_exists("the table")
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
 def collect(
     folders: tuple[Path, ...], output: Path, of_frames: bool, if_exists: str, quiet: bool

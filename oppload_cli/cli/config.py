@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from oppload_cli.cli.options import settings_options
+from oppload_cli.cli import options
 from oppload_cli.errors import printable
 from oppload_cli.models.presets import NATIVE
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@settings_options()
+@options.settings()
 def config(**chosen: Any) -> None:
     """Print every setting as TOML, with its origin as a comment.
 

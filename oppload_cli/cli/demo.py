@@ -8,7 +8,7 @@ import click
 
 import oppload_cli as oppload
 from oppload_cli import stimulus
-from oppload_cli.cli.options import if_exists_option, output_option
+from oppload_cli.cli import options
 from oppload_cli.cli.progress import report
 from oppload_cli.files.atomic import refuse_existing
 from oppload_cli.pipeline.execute import run_task
@@ -24,8 +24,8 @@ _STIMULUS = "controls/looming-and-translating"
 
 
 @click.command()
-@output_option("oppload-demo", "Folder of the stimulus, the results, the plot and the page.")
-@if_exists_option("a result", skip=True)
+@options.output("oppload-demo", "Folder of the stimulus, the results, the plot and the page.")
+@options.if_exists("a result", skip=True)
 def demo(output: Path, if_exists: str) -> None:
     """Show the detectors a disk that approaches while another disk passes by.
 

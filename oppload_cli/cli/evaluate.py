@@ -7,17 +7,7 @@ from pathlib import Path
 
 import click
 
-from oppload_cli.cli import progress_bar, say
-from oppload_cli.cli.options import (
-    change_option,
-    complete_stimuli,
-    if_exists_option,
-    jobs_option,
-    models_option,
-    names_in,
-    output_option,
-    repeats_option,
-)
+from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.models.presets import EXAMPLE_SETTING
@@ -29,9 +19,9 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
     nargs=-1,
     required=True,
     metavar="MANIFEST.csv|STIMULUS...|VIDEO...",
-    shell_complete=complete_stimuli,
+    shell_complete=options.complete_stimuli,
 )
-@models_option(
+@options.models(
     metavar="NAME[:PRESET]",
     help="Detectors to evaluate: NAME, or NAME:PRESET of one that presets change, or several as "
     "A,B; may be given again; the baselines are always evaluated.  "
@@ -59,10 +49,10 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
     metavar="VIDEO",
     help="Stage the stimuli in this video; may be given again.",
 )
-@change_option
-@output_option("evaluation")
-@repeats_option
-@jobs_option("clips")
+@options.change
+@options.output("evaluation")
+@options.repeats
+@options.jobs("clips")
 @click.option(
     "--draws",
     type=click.IntRange(100, 100_000),
@@ -70,7 +60,7 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
     show_default=True,
     help="Draws of the bootstrap that gives the confidence intervals.",
 )
-@if_exists_option("a result")
+@options.if_exists("a result")
 @click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
 def evaluate(
     inputs: tuple[str, ...],
@@ -100,7 +90,7 @@ def evaluate(
     from oppload_cli.evaluation import evaluate as evaluation
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
 
-    chosen = detectors.evaluated_detectors(names_in(models), repeats, assignments)
+    chosen = detectors.evaluated_detectors(options.names_in(models), repeats, assignments)
     read = manifest.clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()

@@ -10,7 +10,7 @@ import click
 import cv2
 import numpy as np
 
-from oppload_cli.cli.options import completions
+from oppload_cli.cli import options
 from oppload_cli.detection.parameters import alarm_params, place_params
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.presets import PRESETS
@@ -38,7 +38,7 @@ _FACTS = (
 
 
 def _complete(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
-    return completions(text, dict.fromkeys((*parameter_sets(), *PRESETS), ""))
+    return options.completions(text, dict.fromkeys((*parameter_sets(), *PRESETS), ""))
 
 
 @click.command()

@@ -51,7 +51,7 @@ class _ResultsFolder(click.Path):
         return folder
 
 
-def output_option(
+def output(
     default: str | None, text: str = "Folder of the results."
 ) -> Callable[[Command], Command]:
     """Return the option ``--output`` of a command that fills a folder.
@@ -69,7 +69,7 @@ def output_option(
     )
 
 
-def if_exists_option(thing: str, *, skip: bool = False) -> Callable[[Command], Command]:
+def if_exists(thing: str, *, skip: bool = False) -> Callable[[Command], Command]:
     """Return the option ``--if-exists`` of a command that writes a thing such as ``a result``.
 
     With `skip`, the option may also leave an existing thing as it is.
@@ -83,7 +83,7 @@ def if_exists_option(thing: str, *, skip: bool = False) -> Callable[[Command], C
     )
 
 
-def jobs_option(things: str) -> Callable[[Command], Command]:
+def jobs(things: str) -> Callable[[Command], Command]:
     """Return the option ``--jobs`` of a command that does several things, such as ``inputs``."""
     return click.option(
         "-j",
@@ -222,21 +222,19 @@ class RunOptions(NamedTuple):
         return -1 if self.quiet else int(self.verbose)
 
 
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+quiet = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 
 # Each command says in its own words which detectors it takes.
-models_option = partial(
-    click.option, "--model", "models", multiple=True, shell_complete=_complete_models
-)
+models = partial(click.option, "--model", "models", multiple=True, shell_complete=_complete_models)
 
-repeats_option = click.option(
+repeats = click.option(
     "--repeats",
     type=click.Choice(["near", "exact", "keep"]),
     help="Repeats of a picture that are left out: exact and re-encoded repeats (near), only "
     "exact repeats (exact), or none (keep).  [default: near]",
 )
 
-change_option = click.option(
+change = click.option(
     "--change",
     "changes",
     multiple=True,
@@ -245,9 +243,7 @@ change_option = click.option(
 )
 
 
-def settings_options(
-    *, preset: str = DEFAULT_PRESET, table: bool = True
-) -> Callable[[Command], Command]:
+def settings(*, preset: str = DEFAULT_PRESET, table: bool = True) -> Callable[[Command], Command]:
     """Return a decorator that adds the options of a run's settings.
 
     Their names are the parameters of :func:`oppload_cli.pipeline.settings.resolve`. `preset` is the
@@ -255,7 +251,7 @@ def settings_options(
     options for its columns.
     """
     options = [
-        models_option(
+        models(
             metavar="NAME[:VARIANT|PRESET]",
             help="Detectors to run, as A,B or given again; all runs all. 'oppload models' lists "
             "the names. NAME:PRESET also chooses the preset, NAME:VARIANT a variant.  "
@@ -290,7 +286,7 @@ def settings_options(
             "videos: width); the other side follows. Another height gives other results.  "
             f"[default: {PRESETS[DEFAULT_PRESET].height}, preset paper {PRESETS['paper'].height}]",
         ),
-        repeats_option,
+        repeats,
     ]
     if table:
         options += [

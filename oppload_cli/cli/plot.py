@@ -10,8 +10,7 @@ import click
 from click.core import ParameterSource
 
 import oppload_cli as oppload
-from oppload_cli.cli import check_display, say, show_file
-from oppload_cli.cli.options import check_models, models_option, names_in
+from oppload_cli.cli import check_display, options, say, show_file
 from oppload_cli.errors import ExitCode, ParameterError, ResultError, faults_at
 from oppload_cli.evaluation.manifest import Manifest, read_manifest
 from oppload_cli.files.atomic import PART
@@ -65,7 +64,7 @@ _EFFECTS = {
     "other kinds draw a table of 'oppload tune', the last five as classic figures (see 'oppload "
     "tune --figure').  [default: the one that suits the file]",
 )
-@models_option(
+@options.models(
     metavar="NAME",
     help="Draw only this detector; A,B for several, or given again.",
 )
@@ -114,7 +113,7 @@ _EFFECTS = {
 )
 @click.option("--show", is_flag=True, help="Open the figures, where there is a display.")
 def plot(
-    results: tuple[Path, ...], output: Path | None, kind: str | None, show: bool, **options: Any
+    results: tuple[Path, ...], output: Path | None, kind: str | None, show: bool, **chosen: Any
 ) -> int:
     """Plot results over time, or tuning.
 
@@ -130,23 +129,23 @@ def plot(
 
     if output is not None:
         style.check_suffix(output)
-    options["models"] = names_in(options["models"])
-    check_models(options["models"], "plot")
-    for model in options["models"]:
+    chosen["models"] = options.names_in(chosen["models"])
+    options.check_models(chosen["models"], "plot")
+    for model in chosen["models"]:
         detector_named(model)
     if show:
         check_display()
     paths = [table for _, table in tables_in(results)]
     kinds = {path: _kind_of(path, kind) for path in paths}
     _check_effects({name for name, _ in kinds.values()})
-    options["manifest"] = _manifest_of(options["manifest"])
+    chosen["manifest"] = _manifest_of(chosen["manifest"])
     groups = [paths] if output else [[path] for path in paths]
     failures: list[ResultError] = []
     for group in groups:
         of_tuning = kind in _TUNING_KINDS or is_tuning(group[0])
         try:
             figure, lines = (_draw_tunings if of_tuning else _draw_results)(
-                group, kind, options, failures
+                group, kind, chosen, failures
             )
         except ResultError as error:
             if len(groups) == 1:
@@ -232,26 +231,26 @@ def _leave_out(error: ResultError, failures: list[ResultError]) -> None:
 
 
 def _draw_tunings(
-    paths: Sequence[Path], kind: str | None, options: dict[str, Any], failures: list[ResultError]
+    paths: Sequence[Path], kind: str | None, chosen: dict[str, Any], failures: list[ResultError]
 ) -> tuple[Figure, list[str]]:
     """Draw tables of ``oppload tune``; return also the lines that describe them."""
     from oppload_cli.plots import tuning
 
-    tunings, labels = _readable(paths, options["labels"], oppload.read_tuning, failures)
-    look = {"labels": labels, "models": options["models"], "lplc2": options["lplc2"]}
+    tunings, labels = _readable(paths, chosen["labels"], oppload.read_tuning, failures)
+    look = {"labels": labels, "models": chosen["models"], "lplc2": chosen["lplc2"]}
     figure, _ = oppload.plot_tuning(
         tunings,
         kind,
-        scale=options["scale"] or "peak",
-        published=options["published"],
-        title=options["title"],
+        scale=chosen["scale"] or "peak",
+        published=chosen["published"],
+        title=chosen["title"],
         **look,
     )
     return figure, tuning.lines_of(tunings, kind, **look)
 
 
 def _draw_results(
-    paths: Sequence[Path], kind: str | None, options: dict[str, Any], failures: list[ResultError]
+    paths: Sequence[Path], kind: str | None, chosen: dict[str, Any], failures: list[ResultError]
 ) -> tuple[Figure, list[str]]:
     """Draw results of ``oppload run``, without lines."""
     from oppload_cli.plots import rmo
@@ -260,50 +259,50 @@ def _draw_results(
 
     def read(path: Path) -> BaseResult:
         result = read_result(path, needed)
-        models = options["models"] or result.models
+        models = chosen["models"] or result.models
         result.need_responses([name for name in models if name in result.models and kind != "rmo"])
         return result
 
-    results, labels = _readable(paths, options["labels"], read, failures)
+    results, labels = _readable(paths, chosen["labels"], read, failures)
     for result in results:
         for fault in filter(None, (result.shortfall, truth_fault(result))):
             say(f"oppload: {result.path}: {fault}")
     if kind == "map":
-        return _draw_map(results, options), []
-    look = {"labels": labels, "title": options["title"], "xlim": options["xlim"]}
+        return _draw_map(results, chosen), []
+    look = {"labels": labels, "title": chosen["title"], "xlim": chosen["xlim"]}
     if kind == "rmo":
         return oppload.plot_rmo(results, **look)[0], []
-    curves = {name: options[name] for name in ("models", "align", "threshold", "any_length")}
-    scale, marks = options["scale"] or "threshold", _marks(results, options)
+    curves = {name: chosen[name] for name in ("models", "align", "threshold", "any_length")}
+    scale, marks = chosen["scale"] or "threshold", _marks(results, chosen)
     return oppload.plot_curves(results, scale=scale, marks=marks, **look, **curves)[0], []
 
 
-def _draw_map(results: Sequence[BaseResult], options: dict[str, Any]) -> Figure:
+def _draw_map(results: Sequence[BaseResult], chosen: dict[str, Any]) -> Figure:
     from oppload_cli.plots import places
 
     if len(results) > 1:
         raise ResultError(f"{results[1].path}: a map shows one result; leave out --output")
-    if len(options["models"]) > 1:
+    if len(chosen["models"]) > 1:
         raise ParameterError("--kind map shows one detector; give one --model")
-    model = options["models"][0] if options["models"] else None
-    still = places.still_of(results[0], options["video"], model=model)
-    figure, _ = oppload.plot_places(results[0], still, title=options["title"], model=model)
+    model = chosen["models"][0] if chosen["models"] else None
+    still = places.still_of(results[0], chosen["video"], model=model)
+    figure, _ = oppload.plot_places(results[0], still, title=chosen["title"], model=model)
     if still is None:
         why = f"{results[0].path}: {places.why_no_still(results[0])}"
         say(f"oppload: {why}, so the background is white; give the video with --video")
     return figure
 
 
-def _marks(results: Sequence[BaseResult], options: dict[str, Any]) -> dict[str, list[float | None]]:
+def _marks(results: Sequence[BaseResult], chosen: dict[str, Any]) -> dict[str, list[float | None]]:
     """Return the times of onsets and contacts, one for each result.
 
     ``--onset`` and ``--contact`` override ``--manifest``.
     """
     marks: dict[str, list[float | None]] = {}
-    manifest: Manifest | None = options["manifest"]
+    manifest: Manifest | None = chosen["manifest"]
     clips = [_clip_of(result, manifest) for result in results] if manifest else []
     for name in ("onset", "contact"):
-        text = options[name]
+        text = chosen[name]
         if text:
             marks[name] = [_time_of(result, text, name) for result in results]
         elif manifest:

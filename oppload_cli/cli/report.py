@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli import check_display, progress_bar, say, show_file
-from oppload_cli.cli.options import jobs_option, output_option, quiet_option
+from oppload_cli.cli import check_display, options, progress_bar, say, show_file
 from oppload_cli.errors import ExitCode, ParameterError
 from oppload_cli.files.atomic import folder_of_outputs
 from oppload_cli.files.reading import is_folder
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 @click.argument(
     "results", nargs=-1, required=True, metavar="RESULT...", type=click.Path(path_type=Path)
 )
-@output_option(None, "Folder of the pages.  [default: the folder of the results]")
+@options.output(None, "Folder of the pages.  [default: the folder of the results]")
 @click.option(
     "--video",
     "videos",
@@ -30,9 +29,9 @@ if TYPE_CHECKING:
     metavar="INPUT|DIR",
     help="The video, or the folder of the videos, if they were moved.",
 )
-@jobs_option("pages")
+@options.jobs("pages")
 @click.option("--show", is_flag=True, help="Open the page in the browser, if there is one.")
-@quiet_option
+@options.quiet
 def report(
     results: tuple[Path, ...],
     output: Path | None,

@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli import progress_bar, say
-from oppload_cli.cli.options import (
-    if_exists_option,
-    jobs_option,
-    names_in,
-    output_option,
-    quiet_option,
-)
+from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.files.atomic import claimed, refuse_existing, write_atomic
 from oppload_cli.reproduction.claims import FIGURES, Built, build, chosen, pages_of
 
@@ -23,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@output_option("reproduction")
+@options.output("reproduction")
 @click.option(
     "--only",
     multiple=True,
@@ -39,9 +32,9 @@ if TYPE_CHECKING:
     help="Format of the figures.",
 )
 @click.option("--list", "listed", is_flag=True, help="Print the names of the figures.")
-@jobs_option("figures")
-@if_exists_option("a result")
-@quiet_option
+@options.jobs("figures")
+@options.if_exists("a result")
+@options.quiet
 def reproduce(
     output: Path,
     only: tuple[str, ...],
@@ -60,7 +53,7 @@ def reproduce(
     if listed:
         click.echo("\n".join(FIGURES))
         return
-    names = chosen(names_in(only))
+    names = chosen(options.names_in(only))
     targets = [f"{name}.{suffix}" for name in names for suffix in (form, "csv")]
     targets += ["report.json", "index.html"]
     refuse_existing((output / name for name in targets), if_exists)

@@ -9,13 +9,7 @@ from typing import Any
 
 import click
 
-from oppload_cli.cli.options import (
-    RunOptions,
-    if_exists_option,
-    jobs_option,
-    output_option,
-    settings_options,
-)
+from oppload_cli.cli import options
 from oppload_cli.errors import ParameterError, faults_at
 from oppload_cli.files.reading import text_of
 from oppload_cli.models.presets import DEFAULT_PRESET, NATIVE, PRESETS, preset_in
@@ -26,8 +20,8 @@ from oppload_cli.video.opening import Opening, is_video_file
 
 @click.command()
 @click.argument("inputs", nargs=-1, metavar="INPUT...")
-@output_option(".", "Folder of the results; '-' streams one input's CSV.  [default: this folder]")
-@settings_options()
+@options.output(".", "Folder of the results; '-' streams one input's CSV.  [default: this folder]")
+@options.settings()
 @click.option("-r", "--recursive", is_flag=True, help="Search folders to any depth.")
 @click.option(
     "--files-from",
@@ -35,7 +29,7 @@ from oppload_cli.video.opening import Opening, is_video_file
     help="Read inputs from a list, a name per line, or from a failures.csv.",
 )
 @click.option("-0", "--null", is_flag=True, help="The names of the list end in NUL.")
-@jobs_option("inputs")
+@options.jobs("inputs")
 @click.option("--shard", metavar="I/N", help="Do only the I-th of N parts, for job arrays.")
 @click.option(
     "--scheduler",
@@ -67,7 +61,7 @@ from oppload_cli.video.opening import Opening, is_video_file
     show_default=True,
     help="Boxes in the annotated video: of objects that cause an alarm, of all, or none.",
 )
-@if_exists_option("a result", skip=True)
+@options.if_exists("a result", skip=True)
 @click.option(
     "--fail-on",
     type=click.Choice(["alarm", "no-alarm"]),
@@ -97,21 +91,21 @@ def run(
     facts about the input; NAME is the input's name without its suffix. For several
     inputs, DIR/alarms.csv lists the alarms, and DIR/failures.csv the inputs that fail.
     """
-    options = RunOptions(**{name: others.pop(name) for name in RunOptions._fields})
-    if not inputs and not options.files_from:
+    own = options.RunOptions(**{name: others.pop(name) for name in options.RunOptions._fields})
+    if not inputs and not own.files_from:
         raise click.UsageError("Missing argument 'INPUT...'; or give --files-from LIST")
     span = _span(start, end, duration)
     rate = None if image_rate is None else _rate(image_rate)
     opening = None
     with ExitStack() as stack:
-        if len(inputs) == 1 and not (options.annotate or options.for_many or options.dry_run):
+        if len(inputs) == 1 and not (own.annotate or own.for_many or own.dry_run):
             opening = _begun(inputs[0], span, others)
             if opening is not None:
                 stack.callback(opening.close)
         # Imported now, so that another process decodes the video while the detectors are loaded.
         from oppload_cli.cli.running import run_inputs
 
-        return run_inputs(inputs, options, others, span, rate, opening)
+        return run_inputs(inputs, own, others, span, rate, opening)
 
 
 def _begun(name: str, span: Span, settings: dict[str, Any]) -> Opening | None:

@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli import progress_bar, say
-from oppload_cli.cli.options import (
-    change_option,
-    complete_stimuli,
-    if_exists_option,
-    jobs_option,
-    output_option,
-    quiet_option,
-)
+from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.errors import ExitCode, OpploadError
 from oppload_cli.stimulus.catalogue import Entry, entries, find, in_toml, parsed_settings
 from oppload_cli.stimulus.protocol import Protocol, json_schema
@@ -36,7 +28,9 @@ def stimuli() -> None:
 
 
 @stimuli.command(name="list")
-@click.argument("patterns", nargs=-1, metavar="[NAME|GLOB]...", shell_complete=complete_stimuli)
+@click.argument(
+    "patterns", nargs=-1, metavar="[NAME|GLOB]...", shell_complete=options.complete_stimuli
+)
 @click.option("--json", "as_json", is_flag=True, help="A JSON list instead of a table.")
 def list_stimuli(patterns: tuple[str, ...], as_json: bool) -> None:
     """List the catalogue."""
@@ -58,9 +52,9 @@ def list_stimuli(patterns: tuple[str, ...], as_json: bool) -> None:
 
 
 @stimuli.command(short_help="Show a protocol with its values and its file.")
-@click.argument("name", metavar="NAME|FILE", shell_complete=complete_stimuli)
+@click.argument("name", metavar="NAME|FILE", shell_complete=options.complete_stimuli)
 @click.option("--json", "as_json", is_flag=True, help="The resolved protocols as a JSON list.")
-@change_option
+@options.change
 def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
     """Show a protocol: its description, its stimuli, the changed values and its file."""
     found = [(entry, entry.with_settings(parsed_settings(changes))) for entry in find(name)]
@@ -76,9 +70,13 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
 
 @stimuli.command()
 @click.argument(
-    "names", nargs=-1, required=True, metavar="NAME|FILE|GLOB...", shell_complete=complete_stimuli
+    "names",
+    nargs=-1,
+    required=True,
+    metavar="NAME|FILE|GLOB...",
+    shell_complete=options.complete_stimuli,
 )
-@output_option(".", "Folder of the files.  [default: this folder]")
+@options.output(".", "Folder of the files.  [default: this folder]")
 @click.option(
     "--format",
     "form",
@@ -87,11 +85,11 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
     show_default=True,
     help="ffv1 (.avi), mkv (FFV1), png (folder), npz and gif are lossless; mp4 (H.264) is lossy.",
 )
-@change_option
+@options.change
 @click.option("--preview", is_flag=True, help="Also write a contact sheet NAME.preview.png.")
-@jobs_option("stimuli")
-@if_exists_option("a file", skip=True)
-@quiet_option
+@options.jobs("stimuli")
+@options.if_exists("a file", skip=True)
+@options.quiet
 @click.pass_context
 def generate(
     context: click.Context,

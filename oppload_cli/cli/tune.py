@@ -11,18 +11,7 @@ import click
 
 import oppload_cli as oppload
 from oppload_cli import stimulus as stimuli
-from oppload_cli.cli import progress_bar, say
-from oppload_cli.cli.options import (
-    change_option,
-    check_assignments,
-    check_models,
-    complete_stimuli,
-    if_exists_option,
-    jobs_option,
-    output_option,
-    quiet_option,
-    settings_options,
-)
+from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.cli.stimuli import say_remarks
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.files.atomic import PartFile, claimed, refuse_existing
@@ -37,7 +26,9 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("stimulus", metavar="[STIMULUS]", required=False, shell_complete=complete_stimuli)
+@click.argument(
+    "stimulus", metavar="[STIMULUS]", required=False, shell_complete=options.complete_stimuli
+)
 @click.option(
     "--figure",
     "figures",
@@ -54,8 +45,8 @@ if TYPE_CHECKING:
     "such as bar.axis_deg; VALUES as 10,20,40 or 0:330:30 (from:to:step). Given twice: every "
     "combination.  [default: the stimulus's own sweep]",
 )
-@change_option
-@settings_options(preset=STUDY_PRESET, table=False)
+@options.change
+@options.settings(preset=STUDY_PRESET, table=False)
 @click.option(
     "--indicator",
     "indicator_s",
@@ -66,7 +57,7 @@ if TYPE_CHECKING:
     help="Measure the responses as a calcium indicator with this time constant shows them; "
     "0: no indicator.",
 )
-@output_option(".", "Folder of the results.  [default: this folder]")
+@options.output(".", "Folder of the results.  [default: this folder]")
 @click.option(
     "--plot",
     "form",
@@ -75,9 +66,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="Format of the matching plot.",
 )
-@jobs_option("conditions")
-@if_exists_option("a result")
-@quiet_option
+@options.jobs("conditions")
+@options.if_exists("a result")
+@options.quiet
 def tune(
     stimulus: str | None,
     figures: tuple[str, ...],
@@ -105,9 +96,9 @@ def tune(
     if math.isnan(indicator_s):  # FloatRange lets it pass
         raise ParameterError("--indicator must be 0 to 60 seconds, not nan")
     values = parsed_settings(changes)
-    check_models(chosen["models"], "tune")
+    options.check_models(chosen["models"], "tune")
     for sweep in sweeps(stimulus, figures, values, over, chosen | {"usual": STUDY_PRESET}):
-        check_assignments(chosen["assignments"], sweep.settings.models, measure_rmo=False)
+        options.check_assignments(chosen["assignments"], sweep.settings.models, measure_rmo=False)
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
         kept = [table, table.with_suffix(".json")]
         kept += [table.with_suffix(f".{form}")] if form != "none" else []
