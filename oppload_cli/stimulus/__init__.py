@@ -32,37 +32,11 @@ if TYPE_CHECKING:
 
 
 __all__ = [
-    "Brightness",
-    "Camera",
-    "Course",
-    "Display",
-    "Effects",
-    "Entry",
-    "FrameTruth",
-    "Growth",
-    "Motion",
-    "Object",
-    "ObjectTruth",
-    "PictureTruth",
-    "Protocol",
-    "Renderer",
-    "Scene",
-    "StimulusFrame",
-    "Timing",
-    "Written",
-    "entries",
-    "file_stem",
-    "find",
-    "frame_truth",
-    "frames",
-    "ground_truth",
-    "json_schema",
-    "load",
-    "load_all",
-    "read_entry",
-    "read_ground_truth",
-    "write",
-]
+    "Brightness", "Camera", "Course", "Display", "Effects", "Entry", "FrameTruth", "Growth",
+    "Motion", "Object", "ObjectTruth", "PictureTruth", "Protocol", "Renderer", "Scene",
+    "StimulusFrame", "Timing", "Written", "entries", "file_stem", "find", "frame_truth", "frames",
+    "ground_truth", "json_schema", "load", "load_all", "read_entry", "read_ground_truth", "write",
+]  # fmt: skip
 
 _MODULES = {
     "catalogue": ("Entry", "entries", "find", "load", "load_all", "read_entry"),
