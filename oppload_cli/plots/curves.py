@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
@@ -502,14 +503,9 @@ def _write_few_numbers(bar: Colorbar) -> None:
 
 def _binned(time: Series, value: Series, begin: float, end: float, bins: int) -> Series:
     """Return the largest value in each bin of time; NaN before the first and after the last."""
-    largest = np.full(bins, np.nan)
     at = np.floor((time - begin) / max(end - begin, 1e-9) * bins).astype(int)
     at[time == end] = bins - 1
-    inside = (at >= 0) & (at < bins) & np.isfinite(value)
-    np.fmax.at(largest, at[inside], value[inside])
+    known = np.isfinite(value)
+    largest = pd.Series(value[known]).groupby(at[known]).max().reindex(range(bins))
     # A bin between two frames shows the frame before it.
-    filled = np.flatnonzero(np.isfinite(largest))
-    if filled.size:
-        span = np.arange(filled[0], filled[-1] + 1)
-        largest[span] = largest[filled[np.searchsorted(filled, span, side="right") - 1]]
-    return largest
+    return np.asarray(largest.ffill().where(largest.bfill().notna()), np.float64)
