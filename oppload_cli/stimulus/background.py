@@ -221,13 +221,13 @@ class _Surroundings:
     def picture(self, view: View, height: int, width: int) -> Picture:
         """Return the place as a camera sees it, float32 (h, w), luminance 0 to 1."""
         picture = np.full((height, width), self.haze, np.float32)
-        for surface, placed, covered in self._seen(view, height, width):
+        for surface, placed in self._seen(view, height, width):
             colours = surface.values(placed)
             if surface.clear_m:
                 clear = np.exp(-placed.depth / surface.clear_m).astype(np.float32)
                 colours = self.haze + (colours - np.float32(self.haze)) * clear
             part = picture[placed.window.slices]
-            part += (colours - part) * covered
+            part += (colours - part) * placed.covered
         return np.clip(picture, 0, 1)
 
     def flow(self, view: View, later: View, height: int, width: int) -> Floats:
@@ -242,21 +242,20 @@ class _Surroundings:
         x = np.arange(width)[None, :] + 0.5
         y = np.arange(height)[:, None] + 0.5
         moved = np.full((height, width, 2), np.nan)
-        for surface, placed, covered in self._seen(view, height, width):
+        for surface, placed in self._seen(view, height, width):
             to_x, to_y = surface.to_px(later, placed.u, placed.v)
             rows, columns = placed.window.slices
             flow = np.stack([to_x - x[:, columns], to_y - y[rows]], axis=-1)
-            moved[rows, columns][covered >= 0.5] = flow[covered >= 0.5]
+            shown = placed.covered >= 0.5
+            moved[rows, columns][shown] = flow[shown]
         return moved
 
-    def _seen(
-        self, view: View, height: int, width: int
-    ) -> Iterator[tuple[Surface, Placed, Picture]]:
-        """Yield each surface that is seen, its points, and the share of each pixel it covers."""
+    def _seen(self, view: View, height: int, width: int) -> Iterator[tuple[Surface, Placed]]:
+        """Yield each surface that is seen, with its points."""
         for surface in self.surfaces:
-            shown = surface.seen(view, height, width)
-            if shown is not None:
-                yield surface, *shown
+            placed = surface.seen(view, height, width)
+            if placed is not None:
+                yield surface, placed
 
 
 @lru_cache(maxsize=8)

@@ -434,11 +434,10 @@ class _PicturePainter:
         self, picture: Picture, surface: Surface, pose: Sight, gain: float, share: float
     ) -> None:
         height, width = picture.shape
-        seen = surface.seen(pose.view, height, width)
-        if seen is None:
+        placed = surface.seen(pose.view, height, width)
+        if placed is None:
             return
-        placed, covered = seen
-        values = surface.values(placed) * (covered * np.float32(share))[..., None]
+        values = surface.values(placed) * (placed.covered * np.float32(share))[..., None]
         part = picture[placed.window.slices]
         part *= 1 - values[..., 1]
         part += np.minimum(values[..., 0] * np.float32(gain), values[..., 1])

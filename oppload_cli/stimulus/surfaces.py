@@ -103,6 +103,7 @@ class Placed(NamedTuple):
     depth: Floats  # float64 (h, w): metres along the camera's axis; 0 if the surface is not seen
     # float64 (4, h, w): derivatives of u and v by x, then of u and v by y, in metres per pixel.
     steps: Floats
+    covered: Picture  # float32 (h, w): share of each pixel that the surface covers, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -150,8 +151,8 @@ class Surface:
         low, high = (x.min() - 3, y.min() - 3), (x.max() + 3, y.max() + 3)
         return Window.around(low, high, height, width)
 
-    def _placed(self, view: View, window: Window) -> Placed:
-        """Return the point of the surface that each pixel of a window shows."""
+    def _points(self, view: View, window: Window) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return u, v, depth and steps as of :class:`Placed`, for each pixel of a window."""
         m = self._matrix(view)
         x = np.arange(window.left, window.right)[None, :] + 0.5
         y = np.arange(window.top, window.bottom)[:, None] + 0.5
@@ -161,41 +162,39 @@ class Surface:
         steps = [(m[i, j] - at * m[2, j]) * depth for j in (0, 1) for i, at in ((0, u), (1, v))]
         # A pixel that looks behind the camera or beyond the horizon does not show the surface.
         depth = np.where(over > 1 / _FARTHEST_M, depth, 0.0)
-        return Placed(window, u, v, depth, np.stack(steps))
+        return u, v, depth, np.stack(steps)
 
-    def seen(self, view: View, height: int, width: int) -> tuple[Placed, Picture] | None:
-        """Return the pixels that show the surface; None if the surface is not seen.
+    def seen(self, view: View, height: int, width: int) -> Placed | None:
+        """Return the part of a picture that shows the surface; None if the surface is not seen.
 
         Returns
         -------
-        Placed
-            The point of the surface that each pixel shows.
-        ndarray
-            float32 (h, w), the share of each pixel that the surface covers, 0 to 1.
+        Placed or None
+            The points of the surface in the smallest window with all pixels that it covers.
         """
         window = self._window(view, height, width)
         if 0 in window.shape:
             return None
-        placed = self._placed(view, window)
-        covered = self._coverage(placed)
+        u, v, depth, steps = self._points(view, window)
+        covered = self._coverage(u, v, depth, steps)
         part = _bounds(covered > 0)
         if part is None:
             return None
         rows, columns = part
         top, left = window.top, window.left
         inner = Window(top + rows.start, top + rows.stop, left + columns.start, left + columns.stop)
-        u, v, depth = placed.u[part], placed.v[part], placed.depth[part]
-        return Placed(inner, u, v, depth, placed.steps[:, rows, columns]), covered[part]
+        steps = steps[:, rows, columns]
+        return Placed(inner, u[part], v[part], depth[part], steps, covered[part])
 
-    def _coverage(self, placed: Placed) -> Picture:
-        ahead = placed.depth > 0
+    def _coverage(self, u: Floats, v: Floats, depth: Floats, steps: Floats) -> Picture:
+        ahead = depth > 0
         # The opacity of a texture already gives soft edges.
         if self.extent is None or self.texture.levels[0].ndim == 3:
             return np.asarray(ahead, np.float32)
         u0, v0, u1, v1 = self.extent
-        ux, vx, uy, vy = placed.steps
-        wide = _inside(placed.u, u0, u1, np.hypot(ux, uy))
-        high = _inside(placed.v, v0, v1, np.hypot(vx, vy))
+        ux, vx, uy, vy = steps
+        wide = _inside(u, u0, u1, np.hypot(ux, uy))
+        high = _inside(v, v0, v1, np.hypot(vx, vy))
         return np.asarray(wide * high * ahead, np.float32)
 
     def values(self, placed: Placed) -> Picture:
