@@ -116,8 +116,6 @@ def _failed_inputs(tables: Sequence[Path], batches: Sequence[Path]) -> Iterator[
 
 def _common_folder(folders: Sequence[Path]) -> Path | None:
     """Return the nearest folder that holds all of some folders; None if there is none."""
-    if len(folders) == 1:
-        return folders[0]
     try:
         return Path(os.path.commonpath(folders))
     except ValueError:  # no folder, an absolute and a relative path, or another drive

@@ -40,8 +40,6 @@ _CAPTION = 14  # pixels for the time under a picture
 
 def sheet_frames(count: int, shown: int = 8) -> list[int]:
     """Return at most `shown` of `count` frames, evenly spaced, with the first and the last one."""
-    if count == 1:
-        return [0]
     return sorted({round(index * (count - 1) / (shown - 1)) for index in range(shown)})
 
 

@@ -179,7 +179,7 @@ def ground_truth_text(protocol: Protocol) -> Iterator[str]:
 def _frames(protocol: Protocol) -> Iterator[dict[str, Any]]:
     for index in range(protocol.frame_count):
         truth = frame_truth(protocol, index)
-        yield {**asdict(truth), "objects": [asdict(obj) for obj in truth.objects]}
+        yield {**vars(truth), "objects": [asdict(obj) for obj in truth.objects]}
 
 
 def _head(protocol: Protocol) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import av
 from av.codec.context import Flags
 from av.video.reformatter import ColorTrc
 
-from oppload_cli.errors import SourceError, cannot_read, reason_of, without_login
+from oppload_cli.errors import SourceError, cannot_read, counted, reason_of, without_login
 from oppload_cli.files.reading import is_file
 from oppload_cli.processes import cores
 from oppload_cli.video.declared import (
@@ -162,9 +162,10 @@ class ContainerSource:
             )
         self.decode.missing = self._missing()
         if corrupt := self.decode.corrupt:
-            self.decode.note(f"{corrupt} {'frame is' if corrupt == 1 else 'frames are'} damaged")
+            verb = "is" if corrupt == 1 else "are"
+            self.decode.note(f"{counted(corrupt, 'frame')} {verb} damaged")
         if missing := self.decode.missing:
-            self.decode.note(f"{missing} declared frame{'s' * (missing > 1)} never came")
+            self.decode.note(f"{counted(missing, 'declared frame')} never came")
         if fault := self._fault():
             self.decode.failed(fault)
 

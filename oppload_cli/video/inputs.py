@@ -17,7 +17,7 @@ from numbers import Real
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from oppload_cli.errors import ParameterError, SourceError, cannot_read, without_login
+from oppload_cli.errors import ParameterError, SourceError, cannot_read, counted, without_login
 from oppload_cli.files.reading import fault_of_stem, is_file, is_folder, is_there, text_of
 from oppload_cli.schema import is_integer
 from oppload_cli.video.frames import FrameTimes
@@ -165,7 +165,7 @@ def left_out(name: str) -> Iterator[str]:
 def _listed(names: list[str], kind: str) -> str:
     count = len(names)
     shown = ", ".join(names[:_SHOWN]) + ", ..." * (count > _SHOWN)
-    return f"{count} {kind}{'s' * (count > 1)} ({shown}) {'are' if count > 1 else 'is'}"
+    return f"{counted(count, kind)} ({shown}) {'are' if count > 1 else 'is'}"
 
 
 def _inputs_of(names: Iterable[str]) -> tuple[list[str], list[str]]:
