@@ -156,8 +156,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     height = 2.0 + 1.3 * sized + 0.14 * lines
     with style.styled_figure(style.COLUMN if few else style.PAGE, height) as figure:
         heights = (1.6, 1)[: 1 + sized]
-        grid = figure.subplots(1 + sized, 1, squeeze=False, sharex=True, height_ratios=heights)
-        axes = list(grid[:, 0])
+        axes = style.panel_grid(figure, 1 + sized, 1, sharex=True, height_ratios=heights)
         top = None if few else _top(x for x, _, _ in known)
         more = 0  # lines of the legend, of long names and of doubts
         for curve, (x, before, sizes) in zip(curves, known, strict=True):

@@ -167,7 +167,7 @@ def _draw_few(
     for curves, strip in zip(panels, strips, strict=True):
         heights += [1.75 + 0.12 * len(curves), *([] if strip is None else [0.62])]
     with style.styled_figure(style.COLUMN, 1) as figure:
-        axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
+        axes = style.panel_grid(figure, len(heights), 1, height_ratios=heights)
         remaining, lines = iter(axes), 0
         one_time = _of_like_length(panels)
         drawn: list[list[Axes]] = []

@@ -83,7 +83,7 @@ def plot_rmo(
     style.check_xlim([each.frames["time_s"].to_numpy(float) for each in results], xlim)
     heights = [1.2, 1, 0.8] * len(results)
     with style.styled_figure(style.COLUMN, 0.3 + 2.9 * len(results)) as figure:
-        panels = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
+        panels = style.panel_grid(figure, len(heights), 1, height_ratios=heights)
         for number, label in enumerate(style.labels_of(results, labels)):
             three = panels[3 * number : 3 * number + 3]
             _draw(three, results[number], xlim)

@@ -268,7 +268,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     many = not raw and len(names) > style.FEW
     height = 0.3 + len(groups) * 1.9 + lines * (0.09 if many else 0.13)
     with style.styled_figure(style.PAGE if many else style.COLUMN, height) as figure:
-        axes = list(figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0])
+        axes = style.panel_grid(figure, len(groups), 1, sharex=True)
         for panel, group in zip(axes, groups, strict=True):
             # Grey curves share their colour, so that only dashes and markers tell them apart.
             grey = cycle(product(("full", "none"), style.DASHES))
@@ -373,7 +373,7 @@ def _plot_heat(request: Request) -> tuple[Figure, list[Axes]]:
     width = style.COLUMN if columns <= _NARROW else style.PAGE
     height = 0.2 + len(curves) * (0.75 + min(2.4, max(0.9, 0.28 * rows)))
     with style.styled_figure(width, height) as figure:
-        axes = list(figure.subplots(len(curves), 1, squeeze=False)[:, 0])
+        axes = style.panel_grid(figure, len(curves), 1)
         style.write_title(figure, request.title)
         shares = [curve.over_largest(*tuning.parameters)[0] for curve in curves]
         norm = style.norm_of(np.concatenate([share.to_numpy().ravel() for share in shares]))

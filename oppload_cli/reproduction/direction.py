@@ -200,9 +200,8 @@ def _speed(protocol: Protocol, settings: Settings) -> float:
 
 def _leak_at(speed: int) -> float:
     """Return the share of S that the wrong pathway keeps at a speed in px/frame."""
-    display = {"display.width": 300, "display.height": 300}
-    timing = {"timing.motion_s": 0.6}
-    protocol = load(_BAR, {**display, **timing, "bar.growth.speed_deg_s": 3 * speed})
+    small = {"display.width": 300, "display.height": 300, "timing.motion_s": 0.6}
+    protocol = load(_BAR, {**small, "bar.growth.speed_deg_s": 3 * speed})
     settings = settings_of("reference", _CARDINAL, height="native")
     return float(_wrong_sides(protocol, settings, tuple(_VERTICAL), -1)[0].mean(axis=0).max())
 

@@ -101,7 +101,7 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
     by_speed = {speed: _shown_at(stimulus, speed, settings) for speed in _SPEEDS}
     shown = by_speed[_SPEED]
     protocol = load(stimulus)
-    notes = [
+    notes = (
         "The paper gives neither the size nor the speed of the disk. Here its radius is "
         f"5 + {_SPEED:g} t px in a frame of 600 x 600, with t in frames. The detectors see it at "
         "this native size, and preset reference has the paper's field: oppload run --height "
@@ -117,7 +117,7 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
         "length too."
         if stimulus == _CENTRE
         else "D-LGMD's curve bends when the disk first reaches the border of the frame.",
-    ]
+    )
     return Built(
         name,
         title,
@@ -136,7 +136,7 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
                 responses.frame, responses.time_s, responses.response, strict=True
             )
         ),
-        tuple(notes),
+        notes,
         {preset: described_settings(each, _FIELD) for preset, each in settings.items()},
     )  # fmt: skip
 

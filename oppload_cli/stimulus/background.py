@@ -17,6 +17,7 @@ import numpy as np
 
 from oppload_cli.errors import StimulusError, faults_at, nearest, reason_of
 from oppload_cli.files.reading import is_file
+from oppload_cli.stimulus.courses import AHEAD, RIGHT, UP
 from oppload_cli.stimulus.patterns import noise_tile
 from oppload_cli.stimulus.staging import View, camera_of, view_of
 from oppload_cli.stimulus.surfaces import Placed, Surface, Texture
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 _MOST_BYTES = 1 << 30  # of a video's decoded pictures in memory
 _ROUNDED_S = 0.501e-3  # Matroska rounds the times of pictures to milliseconds
 _SIDE = 512  # texels along each side of a texture
-_RIGHT, _UP, _AHEAD = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _BACKDROP_M = 4000.0
 _CLEAR_M = 80.0  # haze hides 63 % of a wall at this distance
 
@@ -280,13 +280,13 @@ def _backdrop(values: Floats | Picture, wide_m: float) -> list[Surface]:
     """Return a picture very far away, ahead and on both sides; it repeats every `wide_m` metres."""
     texture, far = _repeated(values), _BACKDROP_M
     sides: tuple[tuple[Vector, Vector], ...] = (
-        ((0.0, 0.0, far), _RIGHT),
-        ((-far, 0.0, 0.0), _AHEAD),
-        ((far, 0.0, 0.0), _AHEAD),
+        ((0.0, 0.0, far), RIGHT),
+        ((-far, 0.0, 0.0), AHEAD),
+        ((far, 0.0, 0.0), AHEAD),
     )
     extent = (-far, -far, far, far)
     return [
-        Surface(at, along, _UP, texture, _SIDE / wide_m, (0.0, wide_m / 2), extent)
+        Surface(at, along, UP, texture, _SIDE / wide_m, (0.0, wide_m / 2), extent)
         for at, along in sides
     ]
 
@@ -298,7 +298,7 @@ def _level(values: Floats | Picture, up: float, tile_m: float, clear_m: float) -
     """
     texture, corner = _repeated(values), (-tile_m / 2, 0.0)
     scale = _SIDE / tile_m
-    return Surface((0, up, 0), _RIGHT, _AHEAD, texture, scale, corner, clear_m=clear_m)
+    return Surface((0, up, 0), RIGHT, AHEAD, texture, scale, corner, clear_m=clear_m)
 
 
 def _wall(
@@ -312,7 +312,7 @@ def _wall(
     long, high, tile_m = size
     extent = (0.0, 0.0, long, high)
     texture, corner = _repeated(values), (0.0, high)
-    return Surface(at, along, _UP, texture, _SIDE / tile_m, corner, extent, _CLEAR_M)
+    return Surface(at, along, UP, texture, _SIDE / tile_m, corner, extent, _CLEAR_M)
 
 
 def _sky(random: Random, horizon: float = 0.8) -> Picture:
@@ -364,11 +364,11 @@ def _street(random: Random, down: float) -> _Surroundings:
             high = float(random.uniform(7, 14))
             at = (side * 7.5, down, 16.0 * (number - 1))
             values = houses[int(random.integers(len(houses)))]
-            surfaces.append(_wall(values, at, _AHEAD, (16.0, high, 14.0)))
+            surfaces.append(_wall(values, at, AHEAD, (16.0, high, 14.0)))
     posts = [(side * 4.6, float(at)) for at in range(4, 88, 12) for side in (-1, 1)]
     iron = 0.2 * (1 + 0.2 * _noise(random))
     for right, ahead in sorted(posts, key=lambda post: -post[1]):
-        surfaces.append(_wall(iron, (right - 0.08, down, ahead), _RIGHT, (0.16, 4.5, 4.0)))
+        surfaces.append(_wall(iron, (right - 0.08, down, ahead), RIGHT, (0.16, 4.5, 4.0)))
     return _Surroundings(surfaces, 0.75)
 
 
@@ -386,7 +386,7 @@ def _forest(random: Random, down: float) -> _Surroundings:
     for right, ahead, wide in sorted(trunks, key=lambda trunk: -trunk[1]):
         values = bark[int(random.integers(3))] * random.uniform(0.7, 1.6)
         at = (right - wide / 2, down, ahead)
-        surfaces.append(_wall(values, at, _RIGHT, (wide, 14.0, 2.0)))
+        surfaces.append(_wall(values, at, RIGHT, (wide, 14.0, 2.0)))
     return _Surroundings(surfaces, 0.45)
 
 
@@ -400,9 +400,9 @@ def _room(random: Random, down: float) -> _Surroundings:
     surfaces = [_level(planks, down, 4.0, 0.0), _level(ceiling, down + 2.8, 4.0, 0.0)]
     far = 18.0
     for at, along, long in (
-        ((-3.0, down, -6.0), _AHEAD, far + 6),
-        ((3.0, down, -6.0), _AHEAD, far + 6),
-        ((-3.0, down, far), _RIGHT, 6.0),
+        ((-3.0, down, -6.0), AHEAD, far + 6),
+        ((3.0, down, -6.0), AHEAD, far + 6),
+        ((-3.0, down, far), RIGHT, 6.0),
     ):
         wall = 0.62 * (1 + 0.05 * _noise(random))
         for _ in range(5):  # frames, shelves, doors

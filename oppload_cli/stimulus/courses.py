@@ -14,12 +14,13 @@ from oppload_cli.errors import StimulusError
 from oppload_cli.schema import REQUIRED, Table, parameter
 
 Vector = tuple[float, float, float]
+RIGHT, UP, AHEAD = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # the world's axes
 
 _TOWARDS = ("collision", "near-miss")
 _PASSING = ("near-miss", "crossing", "overtaking")
 _MOVING = (*_TOWARDS, "crossing", "overtaking", "receding")
 _FROM = ("crossing", "receding", "hovering")
-_SIDES = {"left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, 1.0, 0.0)}
+_SIDES = {"left": (-1.0, 0.0, 0.0), "right": RIGHT, "above": UP}
 HIT_SIZES = 0.5  # a picture hits the camera if its miss distance is at most this, in its sizes
 
 
@@ -118,7 +119,7 @@ class Line(NamedTuple):
         middle = _scaled(bearing, course.distance_m or 0.0)
         match course.kind:
             case "overtaking":
-                start, heading = _sum(miss, (0.0, 0.0, -length)), (0.0, 0.0, 1.0)
+                start, heading = _sum(miss, (0.0, 0.0, -length)), AHEAD
             case "crossing":
                 start, heading = _sum(middle, _scaled(side, length)), _scaled(side, -1.0)
             case "receding":

@@ -16,6 +16,7 @@ import numpy as np
 
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.background import Drawn, background_of
+from oppload_cli.stimulus.courses import AHEAD, RIGHT, UP
 from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
 from oppload_cli.stimulus.geometry import Pose, Projection, corners_of, exact
 from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
@@ -417,17 +418,16 @@ class _PicturePainter:
         place = right_m + offset[0], up_m + offset[1], ahead_m + offset[2]
         size = self._obj.size_m or 0.0
         wide, high = self._cutout.width * size / 2, self._cutout.height * size / 2
-        right, up, ahead = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
         if self._obj.shadow:
             # A circle that lies on the ground; only its middle part is shown.
             texture, ground = shadow_of(), (place[0], self._down, place[2])
             scale, corner = texture.width / (2.2 * wide), (-1.1 * wide, 1.1 * wide)
             extent = -1.1 * wide, -0.4 * wide, 1.1 * wide, 0.4 * wide
-            shadow = Surface(ground, right, ahead, texture, scale, corner, extent)
+            shadow = Surface(ground, RIGHT, AHEAD, texture, scale, corner, extent)
             self._blend(picture, shadow, pose, 0.0, self._obj.shadow)
         texture, extent = self._cutout.texture, (-wide, -high, wide, high)
         scale = texture.width / (2 * wide)
-        upright = Surface(place, right, up, texture, scale, (-wide, high), extent)
+        upright = Surface(place, RIGHT, UP, texture, scale, (-wide, high), extent)
         self._blend(picture, upright, pose, self._gain, 1.0)
 
     def _blend(

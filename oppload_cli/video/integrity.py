@@ -319,7 +319,7 @@ def _transport_stream(reading: _Reading) -> str | None:
         else:
             later |= _videos_that_begin(packets, stream)
         head = head[video]
-        if _prefix_missing(packets[video]):
+        if (_beginnings(packets[video], 3)[1] != (0, 0, 1)).any():  # so each picture must begin
             return BROKEN
         counted = head[(head[:, 3] & _HAS_PAYLOAD) != 0]
         if len(counted):
@@ -334,11 +334,6 @@ def _videos_that_begin(packets: NDArray[np.uint8], stream: NDArray[np.int64]) ->
     begins, prefix = _beginnings(packets, 4)
     is_video = (prefix[:, :3] == (0, 0, 1)).all(axis=1) & (prefix[:, 3] & 0xF0 == 0xE0)
     return set(map(int, stream[begins[is_video]]))
-
-
-def _prefix_missing(packets: NDArray[np.uint8]) -> bool:
-    """Return whether a picture lacks the three bytes with which each picture must begin."""
-    return bool((_beginnings(packets, 3)[1] != (0, 0, 1)).any())
 
 
 def _beginnings(
