@@ -250,17 +250,10 @@ def write(
     """
     made = _targets(protocol, Path(directory), form, preview=preview)
     display, renderer = protocol.display, Renderer(protocol)
+    shape = protocol.frame_count, display.height, display.width
     shown = set(sheet_frames(protocol.frame_count)) if preview else set()
     previewed = []
-    with open_writer(
-        made.video,
-        form,
-        width=display.width,
-        height=display.height,
-        frame_rate=display.frame_rate,
-        count=protocol.frame_count,
-        new=new,
-    ) as write_frame:
+    with open_writer(made.video, form, shape, display.frame_rate, new=new) as write_frame:
         for index in range(protocol.frame_count):
             grey = renderer.grey(index)
             write_frame(grey)

@@ -276,11 +276,9 @@ _LIMITED = np.rint(16 + np.arange(256) * (219 / 255)).astype(np.uint8)
 def open_writer(
     path: Path,
     form: str,
-    *,
-    width: int,
-    height: int,
+    shape: tuple[int, int, int],
     frame_rate: Fraction,
-    count: int,
+    *,
     new: bool = False,
 ) -> Iterator[Callable[[Grey], object]]:
     """Write a grey video: it gets its name after the last frame; after an error it is removed.
@@ -294,21 +292,23 @@ def open_writer(
         The video: a file, or for ``png`` a folder.
     form : str
         A key of :data:`FORMATS`; the format's limits must allow these frames.
-    width, height, frame_rate, count
-        Size of all frames in pixels, frames per second, and number of frames.
+    shape : tuple of int
+        Number of frames, and height and width of all frames in pixels.
+    frame_rate : Fraction
+        Frames per second.
     new : bool
         Whether it is an error if a file or folder of this name exists.
     """
     if form == "png":
         with PartFolder(path, new=new) as folder:
-            names = (folder.part / f"frame_{index:05d}.png" for index in range(count))
+            names = (folder.part / f"frame_{index:05d}.png" for index in range(shape[0]))
             yield lambda grey: next(names).write_bytes(png_bytes(grey))
         return
     with PartFile(path, new=new) as file:
         if form == "npz":
-            writer = _archive(file, (count, height, width), frame_rate)
+            writer = _archive(file, shape, frame_rate)
         else:
-            writer = _encoded(file, form, (width, height), frame_rate)
+            writer = _encoded(file, form, (shape[2], shape[1]), frame_rate)
         with writer as write:
             yield write
 
