@@ -86,7 +86,6 @@ class Drawn:
 
     def __init__(self, protocol: Protocol) -> None:
         self._protocol = protocol
-        self._shape = protocol.display.height, protocol.display.width
         self._last: tuple[object, Picture] | None = None
 
     def seen_at(self, time: float) -> tuple[_Surroundings, View]:
@@ -102,7 +101,7 @@ class Drawn:
         """Return a new picture; one of a camera that has not moved since is drawn only once."""
         place, view = seen = self.seen_at(time)
         if self._last is None or self._last[0] != seen:
-            self._last = seen, place.picture(view, *self._shape)
+            self._last = seen, place.picture(view)
         return self._last[1].copy()
 
 
@@ -218,10 +217,10 @@ class _Surroundings:
     surfaces: Sequence[Surface]  # in the order in which they are drawn
     haze: float  # luminance of the haze, and of pixels that show no surface
 
-    def picture(self, view: View, height: int, width: int) -> Picture:
+    def picture(self, view: View) -> Picture:
         """Return the place as a camera sees it, float32 (h, w), luminance 0 to 1."""
-        picture = np.full((height, width), self.haze, np.float32)
-        for surface, placed in self._seen(view, height, width):
+        picture = np.full(view.projection.shape, self.haze, np.float32)
+        for surface, placed in self._seen(view):
             colours = surface.values(placed)
             if surface.clear_m:
                 clear = np.exp(-placed.depth / surface.clear_m).astype(np.float32)
@@ -230,7 +229,7 @@ class _Surroundings:
             part += (colours - part) * placed.covered
         return np.clip(picture, 0, 1)
 
-    def flow(self, view: View, later: View, height: int, width: int) -> Floats:
+    def flow(self, view: View, later: View) -> Floats:
         """Return the exact optical flow from one view to another.
 
         Returns
@@ -239,10 +238,11 @@ class _Surroundings:
             float64 (h, w, 2): displacement of the content of each pixel, right and down, in pixels.
             NaN if the pixel shows no surface, or if its content comes to lie behind the camera.
         """
+        height, width = view.projection.shape
         x = np.arange(width)[None, :] + 0.5
         y = np.arange(height)[:, None] + 0.5
         moved = np.full((height, width, 2), np.nan)
-        for surface, placed in self._seen(view, height, width):
+        for surface, placed in self._seen(view):
             to_x, to_y = surface.to_px(later, placed.u, placed.v)
             rows, columns = placed.window.slices
             flow = np.stack([to_x - x[:, columns], to_y - y[rows]], axis=-1)
@@ -250,10 +250,10 @@ class _Surroundings:
             moved[rows, columns][shown] = flow[shown]
         return moved
 
-    def _seen(self, view: View, height: int, width: int) -> Iterator[tuple[Surface, Placed]]:
+    def _seen(self, view: View) -> Iterator[tuple[Surface, Placed]]:
         """Yield each surface that is seen, with its points."""
         for surface in self.surfaces:
-            placed = surface.seen(view, height, width)
+            placed = surface.seen(view)
             if placed is not None:
                 yield surface, placed
 

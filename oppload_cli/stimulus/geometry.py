@@ -64,15 +64,20 @@ class Projection:
     parallel to the screen, and their size is the angle that they would span in the middle.
     """
 
-    middle: Point  # of the display, in pixels
+    shape: tuple[int, int]  # height and width of the display in pixels
     scale: float  # pixels per degree in the middle
     perspective: bool
 
     @classmethod
     def of(cls, display: Display) -> Projection:
         """Return the projection of a display."""
-        middle = (display.width / 2, display.height / 2)
-        return cls(middle, display.scale, display.projection == "perspective")
+        shape = display.height, display.width
+        return cls(shape, display.scale, display.projection == "perspective")
+
+    @property
+    def middle(self) -> Point:
+        """The middle of the display in pixels, (x, y)."""
+        return self.shape[1] / 2, self.shape[0] / 2
 
     @property
     def eye_px(self) -> float:
@@ -100,7 +105,8 @@ class Projection:
         scale = self.scale
         if self.perspective and eccentricity > 0:
             scale = self.reach(eccentricity) / eccentricity
-        return self.middle[0] + scale * x_deg, self.middle[1] - scale * y_deg
+        x, y = self.middle
+        return x + scale * x_deg, y - scale * y_deg
 
     def middle_of(self, pose: Pose) -> tuple[Point, tuple[float, float]]:
         """Return the middle of a shape in pixels, and its reach from its anchor point in pixels.
@@ -121,18 +127,13 @@ class Projection:
         return (x, y), (ahead, behind)
 
 
-def corners_of(
-    projection: Projection, obj: Object, pose: Pose, height: int, width: int
-) -> list[Point]:
-    """Return the corners (x, y) in pixels of a square, bar, cross or edge, in order around it.
-
-    `height` and `width` are the size of the display in pixels.
-    """
+def corners_of(projection: Projection, obj: Object, pose: Pose) -> list[Point]:
+    """Return the corners (x, y) in pixels of a square, bar, cross or edge, in order around it."""
     (x, y), (ahead, behind) = projection.middle_of(pose)
     half = (ahead + behind) / 2
     if obj.kind == "edge":
         # The covered half plane of an edge reaches beyond every corner of the display.
-        far = 2.0 * (height + width + math.hypot(x, y))
+        far = 2.0 * (sum(projection.shape) + math.hypot(x, y))
         outline = [(0.0, far), (-far, far), (-far, -far), (0.0, -far)]
     elif obj.kind == "cross":
         arm = min(projection.reach((obj.width_deg or 0.0) / 2), half)

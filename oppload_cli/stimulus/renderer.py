@@ -121,12 +121,11 @@ class Renderer:
             raise StimulusError(
                 "the flow is known for drawn surroundings only; set scene.background to one of them"
             )
-        display = self.protocol.display
         times = [self.protocol.time_of(index) for index in (frame, frame + 1)]
         (place, view), (next_place, later) = map(self._background.seen_at, times)
         if next_place is not place:
-            return np.full((display.height, display.width, 2), np.nan)
-        return place.flow(view, later, display.height, display.width)
+            return np.full((*view.projection.shape, 2), np.nan)
+        return place.flow(view, later)
 
     def luminance(self, frame: int) -> NDArray[np.float32]:
         """Return the luminance of a frame (0-based) before it is rounded to 8 bits.
@@ -216,7 +215,7 @@ class _Painter:
     def __init__(self, protocol: Protocol, obj: Object) -> None:
         self.protocol, self.obj = protocol, obj
         self.projection = Projection.of(protocol.display)
-        self.height, self.width = protocol.display.height, protocol.display.width
+        self.height, self.width = self.projection.shape
 
     def pose(self, time: float) -> Pose:
         return pose_of(self.protocol, self.obj, time)
@@ -236,10 +235,9 @@ class _Painter:
 
     def _coverage(self, pose: Pose) -> tuple[Window, Floats]:
         """Return the share of each pixel that the shape covers."""
-        size = self.height, self.width
+        size = self.projection.shape
         if self.obj.kind not in {"disk", "patch", "ring"}:
-            corners = corners_of(self.projection, self.obj, pose, *size)
-            return polygon_coverage(corners, *size)
+            return polygon_coverage(corners_of(self.projection, self.obj, pose), *size)
         (x, y), (ahead, behind) = self.projection.middle_of(pose)
         window, coverage = disk_coverage(x, y, (ahead + behind) / 2, *size)
         inner = pose.extent.size / 2 - (self.obj.width_deg or 0.0)
@@ -433,8 +431,7 @@ class _PicturePainter:
     def _blend(
         self, picture: Picture, surface: Surface, pose: Sight, gain: float, share: float
     ) -> None:
-        height, width = picture.shape
-        placed = surface.seen(pose.view, height, width)
+        placed = surface.seen(pose.view)
         if placed is None:
             return
         values = surface.values(placed) * (placed.covered * np.float32(share))[..., None]

@@ -29,8 +29,7 @@ class View(NamedTuple):
 
     place: Vector  # in the world, in metres
     axes: tuple[Vector, Vector, Vector]  # the camera's right, up and ahead, in the world's axes
-    eye_px: float  # focal length in pixels
-    middle: tuple[float, float]  # of the display in pixels, (x, y)
+    projection: Projection  # of the display
 
     def from_camera(self, offset: Vector) -> Vector:
         """Convert an offset from the camera from the world's axes to the camera's axes."""
@@ -42,8 +41,8 @@ class View(NamedTuple):
     def to_px(self, point: Vector) -> tuple[float, float]:
         """Return the pixel position (x, y), y down, of a point in the camera's axes."""
         right, up, ahead = point
-        x, y = self.middle
-        return x + self.eye_px * right / ahead, y - self.eye_px * up / ahead
+        (x, y), eye_px = self.projection.middle, self.projection.eye_px
+        return x + eye_px * right / ahead, y - eye_px * up / ahead
 
 
 @dataclass(frozen=True)
@@ -89,9 +88,8 @@ def view_of(protocol: ProtocolTables, time: float) -> View:
     right = (cosine, 0.0, -sine)
     up = (-math.sin(tilt) * sine, math.cos(tilt), -math.sin(tilt) * cosine)
     ahead = (math.cos(tilt) * sine, math.sin(tilt), math.cos(tilt) * cosine)
-    projection = Projection.of(protocol.display)
     place = (0.0, 0.0, camera.forward_m_s * elapsed)
-    return View(place, (right, up, ahead), projection.eye_px, projection.middle)
+    return View(place, (right, up, ahead), Projection.of(protocol.display))
 
 
 @lru_cache(maxsize=256)

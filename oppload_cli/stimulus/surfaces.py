@@ -124,11 +124,11 @@ class Surface:
         offset = np.subtract(self.origin, view.place)
         on_surface = np.stack([self.right, self.up, offset], axis=1)
         camera = np.array(view.axes).T
-        eye, (x, y) = view.eye_px, view.middle
+        eye, (x, y) = view.projection.eye_px, view.projection.middle
         rays = camera @ np.array([[1 / eye, 0, -x / eye], [0, -1 / eye, y / eye], [0, 0, 1.0]])
         return np.asarray(np.linalg.solve(on_surface, rays))
 
-    def _window(self, view: View, height: int, width: int) -> Window:
+    def _window(self, view: View) -> Window:
         """Return the part of the display that the surface may touch.
 
         The part is empty if the camera lies in the plane of the surface, or if the surface lies
@@ -137,6 +137,7 @@ class Surface:
         away = np.subtract(self.origin, view.place) @ np.cross(self.right, self.up)
         if abs(away) < _NEAREST_M:
             return Window(0, 0, 0, 0)
+        height, width = view.projection.shape
         if self.extent is None:
             return Window(0, height, 0, width)
         u0, v0, u1, v1 = self.extent
@@ -164,7 +165,7 @@ class Surface:
         depth = np.where(over > 1 / _FARTHEST_M, depth, 0.0)
         return u, v, depth, np.stack(steps)
 
-    def seen(self, view: View, height: int, width: int) -> Placed | None:
+    def seen(self, view: View) -> Placed | None:
         """Return the part of a picture that shows the surface; None if the surface is not seen.
 
         Returns
@@ -172,7 +173,7 @@ class Surface:
         Placed or None
             The points of the surface in the smallest window with all pixels that it covers.
         """
-        window = self._window(view, height, width)
+        window = self._window(view)
         if 0 in window.shape:
             return None
         u, v, depth, steps = self._points(view, window)

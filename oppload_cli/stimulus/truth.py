@@ -272,7 +272,9 @@ def _object_truth(protocol: Protocol, obj: Object, pose: Pose) -> ObjectTruth:
 def _picture_truth(protocol: Protocol, obj: Object, time: float) -> PictureTruth:
     sight, cutout = sight_of(protocol, obj, time), cutout_of(obj, protocol.seed)
     half, ahead, view = (obj.size_m or 0.0) / 2, sight.offset[2], sight.view
-    x, y = view.to_px(view.from_camera(sight.offset)) if sight.visible else view.middle
+    x, y = view.projection.middle
+    if sight.visible:
+        x, y = view.to_px(view.from_camera(sight.offset))
     in_front = ahead > NEAREST_M
     speed = -half * sight.velocity[2] if in_front else 0.0
     rate = float(protocol.display.frame_rate)
@@ -284,7 +286,7 @@ def _picture_truth(protocol: Protocol, obj: Object, time: float) -> PictureTruth
         visible=sight.visible,
         angular_size_deg=2 * math.degrees(math.atan2(half, max(ahead, 0.0))),
         edge_speed_deg_s=math.degrees(speed / (ahead**2 + half**2)),
-        edge_speed_px_frame=view.eye_px * speed / ahead**2 / rate if in_front else 0.0,
+        edge_speed_px_frame=view.projection.eye_px * speed / ahead**2 / rate if in_front else 0.0,
         centre_x_px=x,
         centre_y_px=y,
         time_to_contact_s=contact,
