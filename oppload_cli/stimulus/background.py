@@ -286,8 +286,7 @@ def _backdrop(values: Floats | Picture, wide_m: float) -> list[Surface]:
     )
     extent = (-far, -far, far, far)
     return [
-        Surface(at, along, UP, texture, _SIDE / wide_m, (0.0, wide_m / 2), extent)
-        for at, along in sides
+        Surface(at, along, UP, texture, wide_m, (0.0, wide_m / 2), extent) for at, along in sides
     ]
 
 
@@ -297,8 +296,7 @@ def _level(values: Floats | Picture, up: float, tile_m: float, clear_m: float) -
     The middle column of its repeating texture lies straight ahead.
     """
     texture, corner = _repeated(values), (-tile_m / 2, 0.0)
-    scale = _SIDE / tile_m
-    return Surface((0, up, 0), RIGHT, AHEAD, texture, scale, corner, clear_m=clear_m)
+    return Surface((0, up, 0), RIGHT, AHEAD, texture, tile_m, corner, clear_m=clear_m)
 
 
 def _wall(
@@ -312,7 +310,7 @@ def _wall(
     long, high, tile_m = size
     extent = (0.0, 0.0, long, high)
     texture, corner = _repeated(values), (0.0, high)
-    return Surface(at, along, UP, texture, _SIDE / tile_m, corner, extent, _CLEAR_M)
+    return Surface(at, along, UP, texture, tile_m, corner, extent, _CLEAR_M)
 
 
 def _sky(random: Random, horizon: float = 0.8) -> Picture:

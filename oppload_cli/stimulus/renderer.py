@@ -418,14 +418,12 @@ class _PicturePainter:
         wide, high = self._cutout.width * size / 2, self._cutout.height * size / 2
         if self._obj.shadow:
             # A circle that lies on the ground; only its middle part is shown.
-            texture, ground = shadow_of(), (place[0], self._down, place[2])
-            scale, corner = texture.width / (2.2 * wide), (-1.1 * wide, 1.1 * wide)
+            ground, corner = (place[0], self._down, place[2]), (-1.1 * wide, 1.1 * wide)
             extent = -1.1 * wide, -0.4 * wide, 1.1 * wide, 0.4 * wide
-            shadow = Surface(ground, RIGHT, AHEAD, texture, scale, corner, extent)
+            shadow = Surface(ground, RIGHT, AHEAD, shadow_of(), 2.2 * wide, corner, extent)
             self._blend(picture, shadow, pose, 0.0, self._obj.shadow)
         texture, extent = self._cutout.texture, (-wide, -high, wide, high)
-        scale = texture.width / (2 * wide)
-        upright = Surface(place, RIGHT, UP, texture, scale, (-wide, high), extent)
+        upright = Surface(place, RIGHT, UP, texture, 2 * wide, (-wide, high), extent)
         self._blend(picture, upright, pose, self._gain, 1.0)
 
     def _blend(

@@ -114,7 +114,7 @@ class Surface:
     right: Vector  # direction of u, of length 1
     up: Vector  # direction of v, of length 1 and at right angles to `right`
     texture: Texture
-    per_metre: float  # texels per metre
+    texture_m: float  # width of the texture
     corner: tuple[float, float] = (0.0, 0.0)  # u and v of the texture's upper left corner
     extent: Rectangle | None = None  # least u, least v, largest u, largest v; None: endless
     clear_m: float = 0.0  # haze hides 63 % of the surface at this distance; 0: no haze
@@ -200,7 +200,7 @@ class Surface:
 
     def values(self, placed: Placed) -> Picture:
         """Return the texture, averaged over each pixel: float32 (h, w) or (h, w, 2)."""
-        scale = self.per_metre
+        scale = self.texture.width / self.texture_m
         x, y = (placed.u - self.corner[0]) * scale, (self.corner[1] - placed.v) * scale
         if self.texture.repeats:
             x -= self.texture.width * np.floor(x / self.texture.width)
