@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import StimulusError, faults_at, suggestion
 from oppload_cli.schema import REQUIRED, Parameter, Table
-from oppload_cli.stimulus.kinematics import ROUNDING_S, motion_times, pose_of, reaches_field
+from oppload_cli.stimulus.kinematics import ROUNDING_S, motion_times, pose_of
 from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Motion, Object
 from oppload_cli.stimulus.staging import check_stage, enters
 from oppload_cli.stimulus.tables import TABLES, ProtocolTables, Scene
@@ -181,16 +181,10 @@ def _check_inside(protocol: Protocol, obj: Object) -> None:
     if obj.kind in FIELDS:
         return
     times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
-    staged, display = obj.kind == PICTURE, protocol.display
-    inside = (
-        enters(protocol, obj, time)
-        if staged
-        else reaches_field(protocol, obj, pose_of(protocol, obj, time))
-        for time in times
-    )
-    if not any(inside):
+    if not any(enters(protocol, obj, time) for time in times):
+        display = protocol.display
         wide, high = display.width / display.scale, display.height / display.scale
-        changed = "its course" if staged else "centre_deg, its size or its motion"
+        changed = "its course" if obj.kind == PICTURE else "centre_deg, its size or its motion"
         raise StimulusError(
             f"it is outside the field ({wide:.4g} x {high:.4g} deg) in every frame; "
             f"change {changed}"

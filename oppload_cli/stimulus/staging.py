@@ -15,7 +15,14 @@ from typing import NamedTuple
 from oppload_cli.errors import StimulusError, faults_at
 from oppload_cli.stimulus.courses import HIT_SIZES, Line, Vector
 from oppload_cli.stimulus.geometry import Projection
-from oppload_cli.stimulus.kinematics import ROUNDING_S, is_drawn, motion_times, shaken
+from oppload_cli.stimulus.kinematics import (
+    ROUNDING_S,
+    contact_of_shape,
+    is_drawn,
+    motion_times,
+    reaches_field,
+    shaken,
+)
 from oppload_cli.stimulus.objects import PICTURE, Object
 from oppload_cli.stimulus.tables import Camera, ProtocolTables
 
@@ -117,11 +124,14 @@ def sight_of(protocol: ProtocolTables, obj: Object, time: float) -> Sight:
 
 
 def contact_of(protocol: ProtocolTables, obj: Object) -> float | None:
-    """Return when a picture hits the camera, in seconds of the clip; None if it never does."""
+    """Return when an object reaches the observer, in seconds of the clip; None if it never does."""
+    start, end = motion_times(protocol.timing, obj)
+    if obj.kind != PICTURE:
+        return contact_of_shape(obj, start, end)
     nearest, distance = _line(protocol, obj).closest()
     if nearest is None or distance > HIT_SIZES * (obj.size_m or 0.0) + 1e-9:
         return None
-    return motion_times(protocol.timing, obj)[0] + nearest
+    return start + nearest
 
 
 def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
@@ -134,7 +144,9 @@ def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
 
 
 def enters(protocol: ProtocolTables, obj: Object, time: float) -> bool:
-    """Tell whether the square around a picture may touch the display."""
+    """Tell whether an object may touch the display; of a picture counts the square around it."""
+    if obj.kind != PICTURE:
+        return reaches_field(protocol, obj, time)
     sight, half = sight_of(protocol, obj, time), (obj.size_m or 0.0) / 2
     if not sight.visible:
         return False

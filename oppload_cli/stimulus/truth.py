@@ -10,12 +10,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import StimulusError
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.geometry import Pose, Projection
-from oppload_cli.stimulus.kinematics import (
-    aperture_centre,
-    contact_of_shape,
-    motion_times,
-    pose_of,
-)
+from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
 from oppload_cli.stimulus.objects import FIELDS, PICTURE, SIZED, Object
 from oppload_cli.stimulus.pictures import cutout_of
 from oppload_cli.stimulus.protocol import Protocol, check_protocol
@@ -216,12 +211,7 @@ def contact_time(protocol: Protocol) -> float | None:
 
     None if no object approaches, or if all of them pass.
     """
-    times = (
-        contact_of(protocol, obj)
-        if obj.kind == PICTURE
-        else contact_of_shape(obj, *motion_times(protocol.timing, obj))
-        for obj in protocol.objects
-    )
+    times = (contact_of(protocol, obj) for obj in protocol.objects)
     return min((time for time in times if time is not None), default=None)
 
 
