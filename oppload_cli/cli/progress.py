@@ -148,10 +148,7 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
             f", {outcome.frames / outcome.wall_s:.0f} analysed per second" if outcome.wall_s else ""
         )
         yield f"  {counted(outcome.frames, 'frame')}{speed} -> {', '.join(names)}"
-    if not outcome.complete:
-        yield incomplete(task, outcome)
-    elif outcome.notes:
-        yield f"oppload: {task.name}: {'; '.join(outcome.notes)}"
+    yield from faults(task, outcome)
     for remark in outcome.remarks:
         yield f"oppload: {task.name}: {remark}"
 
@@ -215,9 +212,11 @@ def _cell(verdict: Verdict) -> str:
     return f"{first:<13}{'-' if verdict.peak is None else f'{times(verdict.peak)} x{star}'}"
 
 
-def incomplete(task: Task, outcome: Outcome) -> str:
-    """Return the sentence that says why a result is incomplete."""
-    return (
-        f"oppload: {task.name}: incomplete ({'; '.join(outcome.notes) or 'damaged frames'}); "
-        f"the rows in the table are valid"
-    )
+def faults(task: Task, outcome: Outcome, *, quiet: bool = False) -> Iterator[str]:
+    """Yield the line that says why a result is incomplete, or a line of notes unless `quiet`."""
+    notes = "; ".join(outcome.notes)
+    if not outcome.complete:
+        reason = notes or "damaged frames"
+        yield f"oppload: {task.name}: incomplete ({reason}); the rows in the table are valid"
+    elif notes and not quiet:
+        yield f"oppload: {task.name}: {notes}"

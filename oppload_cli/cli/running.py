@@ -21,7 +21,7 @@ from oppload_cli import stimulus
 from oppload_cli.batch.plan import Failure, Tally, parse_shard, planned, read_list, write_failures
 from oppload_cli.cli import say
 from oppload_cli.cli.options import RunOptions, check_assignments, check_models
-from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, incomplete, report
+from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, faults, report
 from oppload_cli.cli.report import write_pages
 from oppload_cli.compute import loops
 from oppload_cli.errors import (
@@ -178,11 +178,9 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
         raise
     finally:
         progress.close()
-    if options.verbosity >= 0:
-        for line in report(task, outcome):
-            say(line)
-    elif not outcome.complete:
-        say(incomplete(task, outcome))
+    quiet = options.verbosity < 0
+    for line in faults(task, outcome, quiet=True) if quiet else report(task, outcome):
+        say(line)
     tally = Tally()
     tally.add(task.name, outcome)
     return tally.exit_code(options.fail_on)
@@ -347,10 +345,7 @@ class _Batch:
             return
         if self._verbosity >= 0:
             yield from self._rows.lines(task.stem, result)
-        if not result.complete:
-            yield incomplete(task, result)
-        elif result.notes and self._verbosity >= 0:
-            yield f"oppload: {task.name}: {'; '.join(result.notes)}"
+        yield from faults(task, result, quiet=self._verbosity < 0)
         if not result.remarks or self._verbosity < 0:
             return
         self._remarked += 1
