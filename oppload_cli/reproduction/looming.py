@@ -324,18 +324,18 @@ def thresholds() -> Built:
         for stimuli in (_CONTROLS, _LOOMING)
     )
     worst = {preset: _worst(controls[preset]) for preset in PAPER_PRESETS}
-    limits = {
+    threshold = {
         preset: {detector: value for detector, (_, value) in each.items()}
         for preset, each in worst.items()
     }
-    first = {preset: _crossings(looming[preset], limits[preset]) for preset in PAPER_PRESETS}
+    first = {preset: _crossings(looming[preset], threshold[preset]) for preset in PAPER_PRESETS}
     claim = Claim(
         "OppLoD responds to looming objects stronger and earlier than D-LGMD, which leaves more "
         "time to avoid them.",
         "each detector's threshold is its largest response to any control, so that none has a "
         "false alarm; share of the looming stimuli in which OppLoD exceeds its threshold before "
         "D-LGMD does, or D-LGMD never does; holds: at least 90 %, in part: at least 50 %",
-        {preset: _finding(first[preset], limits[preset]) for preset in PAPER_PRESETS},
+        {preset: _finding(first[preset], threshold[preset]) for preset in PAPER_PRESETS},
         "\u201cour model responds to the looming objects stronger and earlier, which means that "
         "can attain more time avoiding obstacles\u201d (looming disk)",
     )
@@ -349,7 +349,7 @@ def thresholds() -> Built:
         tuple(
             {
                 "preset": preset, "detector": detector, "stimulus": name, "kind": kind,
-                "peak": peak_of(each[detector]), "threshold": limits[preset][detector],
+                "peak": peak_of(each[detector]), "threshold": threshold[preset][detector],
                 "first_crossing_s": first[preset].get(name, {}).get(detector),
             }
             for preset in PAPER_PRESETS
@@ -395,18 +395,18 @@ def _worst(controls: Shown) -> dict[str, tuple[str, float]]:
     }
 
 
-def _crossings(looming: Shown, limits: dict[str, float]) -> First:
-    """Return the time at which each detector first exceeds its limit, in s."""
+def _crossings(looming: Shown, threshold: dict[str, float]) -> First:
+    """Return the time at which each detector first exceeds its threshold, in s."""
     first: First = {}
     for name, each in looming.items():
         first[name] = {}
-        for detector, limit in limits.items():
-            times = each[detector].time_s[each[detector].response > limit]
+        for detector, least in threshold.items():
+            times = each[detector].time_s[each[detector].response > least]
             first[name][detector] = float(times[0]) if times.size else math.inf
     return first
 
 
-def _finding(first: First, limits: dict[str, float]) -> Finding:
+def _finding(first: First, threshold: dict[str, float]) -> Finding:
     pairs = [(each["opplod"], each["dlgmd"]) for each in first.values()]
     earlier = sum(opplod < dlgmd for opplod, dlgmd in pairs)
     later = sum(dlgmd < opplod for opplod, dlgmd in pairs)
@@ -424,7 +424,7 @@ def _finding(first: First, limits: dict[str, float]) -> Finding:
             "stimuli": len(pairs),
             "opplod_missed": missed[0],
             "dlgmd_missed": missed[1],
-            **{f"{name}_threshold": limit for name, limit in limits.items()},
+            **{f"{name}_threshold": value for name, value in threshold.items()},
         },
     )
 
