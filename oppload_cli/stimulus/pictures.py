@@ -11,7 +11,7 @@ import numpy as np
 
 from oppload_cli.errors import StimulusError, faults_at
 from oppload_cli.stimulus.patterns import noise_tile
-from oppload_cli.stimulus.surfaces import Texture
+from oppload_cli.stimulus.surfaces import Texture, bounds
 from oppload_cli.video.images import read_transparent
 
 if TYPE_CHECKING:
@@ -73,10 +73,7 @@ def _from_file(object_id: str, path: str) -> _Cutout:
 
 def _cut(luminance: Picture, opacity: Picture) -> _Cutout:
     """Cut a picture to the rectangle around the part that is at least half opaque."""
-    solid = opacity >= 0.5
-    rows, columns = np.flatnonzero(solid.any(axis=1)), np.flatnonzero(solid.any(axis=0))
-    part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    both = np.stack([luminance * opacity, opacity], axis=-1)[part]
+    both = np.stack([luminance * opacity, opacity], axis=-1)[bounds(opacity >= 0.5)]
     longer = max(both.shape[:2])
     scale = _SMALLEST / longer if longer < _SMALLEST else min(1.0, _LARGEST / longer)
     height, width = both.shape[0] / longer, both.shape[1] / longer

@@ -78,7 +78,7 @@ class Texture:
         total = np.zeros((*x.shape, *self.levels[0].shape[2:]), np.float32)
         for level in range(int(depth.min()), math.ceil(float(depth.max())) + 1):
             weight = np.maximum(1 - np.abs(depth - np.float32(level)), 0)
-            part = _bounds(weight > _LEAST_WEIGHT)
+            part = bounds(weight > _LEAST_WEIGHT)
             if part is None:
                 continue
             weight = weight[part][..., None] if total.ndim == 3 else weight[part]
@@ -178,7 +178,7 @@ class Surface:
             return None
         u, v, depth, steps = self._points(view, window)
         covered = self._coverage(u, v, depth, steps)
-        part = _bounds(covered > 0)
+        part = bounds(covered > 0)
         if part is None:
             return None
         rows, columns = part
@@ -235,7 +235,7 @@ def _inside(at: Floats, low: float, high: float, pixel: Floats) -> Floats:
     return np.asarray(np.clip(ends / wide, 0.0, 1.0))
 
 
-def _bounds(mask: NDArray[np.bool_]) -> tuple[slice, slice] | None:
+def bounds(mask: NDArray[np.bool_]) -> tuple[slice, slice] | None:
     """Return the rows and columns that contain all True pixels; None if no pixel is True."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -28,11 +28,12 @@ class Luminance:
     def __init__(self, size: WorkingSize, facts: InputFacts | None = None) -> None:
         self._coded = size.coded(facts.rotation if facts else 0)
         self._facts = facts
-        self._resizing: Resizing | None = None
 
     def __call__(self, picture: Picture) -> NDArray[np.float32]:
         """Return the luminance of a picture, 0 to 1: float32, shape (height, width)."""
-        plane = self._resized(picture.plane)
+        plane = picture.plane
+        if plane.shape[::-1] != self._coded:
+            plane = self._resizing(plane)
         if self._facts:
             plane = as_displayed(plane, self._facts)
         table = luminance_table(picture.bits, picture.full_range)
@@ -40,14 +41,11 @@ class Luminance:
             return np.asarray(table[plane], np.float32)
         return np.asarray(cv2.LUT(plane, table), np.float32)
 
-    def _resized(self, plane: NDArray[Any]) -> NDArray[Any]:
-        if plane.shape[::-1] == self._coded:
-            return plane
-        if self._resizing is None:
-            from oppload_cli.video.planes import Resizing  # imports PyAV, rarely needed here
+    @cached_property
+    def _resizing(self) -> Resizing:
+        from oppload_cli.video.planes import Resizing  # imports PyAV, rarely needed here
 
-            self._resizing = Resizing(*self._coded)
-        return self._resizing(plane)
+        return Resizing(*self._coded)
 
 
 def as_displayed(picture: NDArray[Any], facts: InputFacts) -> NDArray[Any]:
