@@ -31,9 +31,9 @@ from oppload_cli.video.declared import (
 from oppload_cli.video.frames import (
     MAX_PIXELS,
     USUAL_BITS,
-    DecodeFacts,
     InputFacts,
     Picture,
+    PictureSource,
     check_pixels,
     max_pixels,
     too_large,
@@ -91,7 +91,7 @@ if av.logging.get_level() is None:  # PyAV counts the decoders' errors only if a
 _PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
 
-class ContainerSource:
+class ContainerSource(PictureSource):
     """A source of pictures from a video file, or from a stream such as ``rtsp://host/stream``.
 
     If `threads` is 0, the codec, the size and the cores determine the number of decoder threads.
@@ -100,9 +100,8 @@ class ContainerSource:
     """
 
     def __init__(self, name: str, threads: int = 0) -> None:
+        super().__init__()
         self.name = name
-        self.decode = DecodeFacts()
-        self.stopping = False
         self._read_to = 0  # position of the byte after the last packet
         self._errors = 0  # number of errors that decoders have logged in this process
         self._remote = "://" in name

@@ -300,21 +300,24 @@ def in_digits(rate: float) -> str:
     return f"{rate:.0f}" if rate >= 1000 else f"{rate:.4g}"
 
 
-class PictureSource(Protocol):
-    """A source of pictures of any kind, for :class:`oppload_cli.video.source.Video`."""
+class PictureSource:
+    """Base of the sources of pictures, for :class:`oppload_cli.video.source.Video`."""
 
     facts: InputFacts
-    decode: DecodeFacts
-    stopping: bool  # another thread sets it: then the pictures end as soon as possible
+
+    def __init__(self) -> None:
+        self.decode = DecodeFacts()
+        self.stopping = False  # another thread sets it: then the pictures end as soon as possible
 
     def pictures(self) -> Iterator[Picture]:
         """Yield the pictures in order, once; raise an error that ends the input."""
+        raise NotImplementedError
 
     def finish(self) -> None:
         """Compare the decoded frames with the declared ones, after the last picture."""
 
     def close(self) -> None:
-        """Close files, decoders and devices; may be called twice."""
+        """Close files, decoders and devices, if there are any; may be called twice."""
 
 
 _LEAST_AHEAD, _MOST_AHEAD = 2, 16  # frames that may wait for the next thread

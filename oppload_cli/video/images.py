@@ -26,6 +26,7 @@ from oppload_cli.video.frames import (
     DecodeFacts,
     InputFacts,
     Picture,
+    PictureSource,
     check_pixels,
     max_pixels,
 )
@@ -48,7 +49,7 @@ _RETRY_S, _PAUSE_S = 1.0, 0.01  # in all, and between two readings
 _DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # Pillow's modes with 16 bits
 
 
-class ImageSource:
+class ImageSource(PictureSource):
     """A sequence of images, in the order of the numbers in their names.
 
     `name` is a folder, or a pattern such as ``frames_%04d.png``. `frame_rate` None takes the rate
@@ -57,8 +58,7 @@ class ImageSource:
     """
 
     def __init__(self, name: str, frame_rate: Fraction | None) -> None:
-        self.decode = DecodeFacts()
-        self.stopping = False
+        super().__init__()
         stated = frame_rate or rate_beside(name)
         self._rate = stated or USUAL_RATE
         self._paths = _image_paths(name)
@@ -92,12 +92,6 @@ class ImageSource:
                 size = (colour.shape[0], colour.shape[1])
                 self.decode.note(f"the size becomes {size[1]} x {size[0]} at {path.name}")
             yield Picture(index, float(index / self._rate), _grey(colour), original=colour)
-
-    def finish(self) -> None:
-        """Do nothing: each image that could not be read has been counted already."""
-
-    def close(self) -> None:
-        """Do nothing: no file stays open."""
 
     def _first_readable(self) -> Colour:
         for path in self._paths:
@@ -274,7 +268,7 @@ def _bytes(path: Path) -> int:
         return 0
 
 
-class CameraSource:
+class CameraSource(PictureSource):
     """A camera of this computer, such as ``camera:0``; it gives pictures until closed.
 
     Raises SourceError if the name has no number, or if the camera gives no picture.
@@ -286,8 +280,7 @@ class CameraSource:
             raise SourceError(
                 f"{name}: is not the name of a camera; write camera:0, camera:1 and so on"
             )
-        self.decode = DecodeFacts()
-        self.stopping = False
+        super().__init__()
         self._capture = cv2.VideoCapture(int(number))
         first = self._picture()
         if first is None:

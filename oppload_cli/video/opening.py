@@ -27,7 +27,7 @@ from oppload_cli.files.reading import is_file
 from oppload_cli.processes import cores, signals
 from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
 from oppload_cli.processes.threads import Call
-from oppload_cli.video.frames import DecodeFacts, Picture, WorkingSize
+from oppload_cli.video.frames import DecodeFacts, Picture, PictureSource, WorkingSize
 from oppload_cli.video.inputs import Span, is_camera, is_image_file
 
 if sys.platform != "win32":
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from fractions import Fraction
     from multiprocessing.connection import Connection
 
-    from oppload_cli.video.frames import InputFacts, PictureSource
     from oppload_cli.video.source import Video
 
 
@@ -128,16 +127,15 @@ def _can_fork() -> bool:
         return False
 
 
-class _DecodingProcess:
+class _DecodingProcess(PictureSource):
     """A source of pictures at the working size; a separate process decodes them from a file.
 
-    Raises OSError if the system refuses a process or memory.
+    The process also calls `finish` of its own source. Raises OSError if the system refuses a
+    process or memory.
     """
 
     def __init__(self, name: str, height: int | None, span: Span) -> None:
-        self.decode = DecodeFacts()
-        self.stopping = False
-        self.facts: InputFacts
+        super().__init__()
         self._slots: _Slots
         self._name, self._height = name, height
         self._lock = threading.Lock()
@@ -205,9 +203,6 @@ class _DecodingProcess:
                 ) from None
             self.decode = replace(self.decode, decoded=index + 1)
             self.decode.failed(f"the decoder crashed ({how}) after frame {index}")
-
-    def finish(self) -> None:
-        """Do nothing: the decoding process calls `finish` of its own source."""
 
     def close(self) -> None:
         """End the process and free the memory; may be called twice."""
