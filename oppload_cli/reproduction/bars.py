@@ -23,11 +23,8 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
-    at_least,
-    at_most,
     described_settings,
     hardly,
-    peak_of,
     plain,
     presented,
     settings_of,
@@ -81,7 +78,7 @@ class _Tunings:
 
     def peaks(self, width: int) -> dict[int, float]:
         """Return the peak by axis in degrees."""
-        return {axis: peak_of(each) for axis, each in self.bars[width].items()}
+        return {axis: each.largest for axis, each in self.bars[width].items()}
 
     def over_loom(self, width: int) -> dict[int, float]:
         """Return the peak divided by that for the disk, by axis in degrees."""
@@ -120,7 +117,7 @@ def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
     field = settings.resolved(height)["opplod"].as_dict()["receptive_field"]
     edge_deg = field / 2 * display.height / height / display.scale
     reach = _reach(load_all(_BAR.format(BAR_WIDTHS[0]), {**NO_PAUSE, **changes})[0])
-    return _Tunings(bars, peak_of(loom), edge_deg, reach, settings)
+    return _Tunings(bars, loom.largest, edge_deg, reach, settings)
 
 
 def _described(tunings: dict[str, _Tunings]) -> dict[str, str]:
@@ -188,7 +185,7 @@ def _middle(tunings: _Tunings) -> Finding:
     return tunings.finding(
         f"{good} of {count}; at half of the peaks the ends are {low:.0f} to {high:.0f} degrees "
         "from the middle.",
-        at_least(good / count, 0.9, 0.5),
+        Verdict.at_least(good / count, 0.9, 0.5),
         {"share": good / count, "lower_quartile_deg": low, "upper_quartile_deg": high},
         *BAR_WIDTHS,
     )
@@ -196,14 +193,14 @@ def _middle(tunings: _Tunings) -> Finding:
 
 def _edge(tunings: _Tunings) -> Finding:
     last = [
-        float(each.response[tunings.reach >= _BEYOND * tunings.edge_deg][0]) / peak_of(each)
+        float(each.response[tunings.reach >= _BEYOND * tunings.edge_deg][0]) / each.largest
         for each in _responding(tunings)
     ]
     median = float(np.median(last)) if last else math.nan
     return tunings.finding(
         # Three digits: with two, 25.4 % would read as the 25 % at which the statement still holds.
         f"{100 * median:.3g} % of the peak remains beyond the edge.",
-        at_most(median, 0.05, 0.25),
+        Verdict.at_most(median, 0.05, 0.25),
         {"median_beyond_edge_over_peak": median},
         *BAR_WIDTHS,
     )
@@ -211,7 +208,7 @@ def _edge(tunings: _Tunings) -> Finding:
 
 def _responding(tunings: _Tunings) -> list[Responses]:
     every = (each for bars in tunings.bars.values() for each in bars.values())
-    return [each for each in every if peak_of(each) > 0]
+    return [each for each in every if each.largest > 0]
 
 
 def _reach(protocol: Protocol) -> NDArray[np.float64]:
@@ -294,7 +291,7 @@ def _evenness(tunings: _Tunings) -> Finding:
     share = min(peaks) / max(peaks) if max(peaks) > 0 else math.nan
     return tunings.finding(
         f"The smallest peak is {plain(100 * share)} % of the largest (LPLC2: 78 %).",
-        at_least(share, 0.75, 0.5),
+        Verdict.at_least(share, 0.75, 0.5),
         {"least_over_largest": share},
         10,
     )
@@ -333,7 +330,7 @@ def _likeness(tunings: _Tunings) -> Finding:
         f"Root mean square difference {plain(difference)}; the bars give {plain(model.min())} to "
         f"{plain(model.max())} times the looming disk's response (LPLC2: {plain(neurons.min())} "
         f"to {plain(neurons.max())}).",
-        at_most(difference, 0.1, 0.25),
+        Verdict.at_most(difference, 0.1, 0.25),
         {
             "rms_difference": difference,
             "least_over_loom": float(model.min()),

@@ -50,17 +50,17 @@ class Verdict(StrEnum):
     IN_PART = "holds in part"
     DOES_NOT = "does not hold"
 
+    @classmethod
+    def at_most(cls, value: float, holds: float, in_part: float) -> Verdict:
+        """Return the verdict on a value that should be small, by the largest value for each."""
+        if value <= holds:
+            return cls.HOLDS
+        return cls.IN_PART if value <= in_part else cls.DOES_NOT  # also for NaN
 
-def at_most(value: float, holds: float, in_part: float) -> Verdict:
-    """Return the verdict on a value that should be small, by the largest value for each verdict."""
-    if value <= holds:
-        return Verdict.HOLDS
-    return Verdict.IN_PART if value <= in_part else Verdict.DOES_NOT  # also for NaN
-
-
-def at_least(value: float, holds: float, in_part: float) -> Verdict:
-    """Return the verdict on a value that should be large, by the least value for each verdict."""
-    return at_most(-value, -holds, -in_part)
+    @classmethod
+    def at_least(cls, value: float, holds: float, in_part: float) -> Verdict:
+        """Return the verdict on a value that should be large, by the least value for each."""
+        return cls.at_most(-value, -holds, -in_part)
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def hardly(
     stimuli : str
         The stimuli in words, such as ``to the disk``.
     """
-    peak = max(map(peak_of, responses))
+    peak = max(each.largest for each in responses)
     return "".join(
         f"{detector_named(detector).label} hardly responds {stimuli} (largest response "
         f"{peak:.3g}, {doubt.note}): the shape of its curve means little."
@@ -207,12 +207,6 @@ def presented(
     """
     protocols = load_all(name, {**NO_PAUSE, **changes})
     return {each.name: present(each, settings) for each in protocols}
-
-
-def peak_of(responses: Responses) -> float:
-    """Return the largest response; 0 without a response."""
-    best = responses.peak
-    return 0.0 if best is None else float(responses.response[best])
 
 
 def plain(value: float) -> str:

@@ -21,11 +21,8 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
-    at_least,
-    at_most,
     described_settings,
     hardly,
-    peak_of,
     presented,
     settings_of,
 )
@@ -77,7 +74,7 @@ def up_and_down() -> Built:
         findings[preset] = Finding(
             f"At the working size, an end of the bar moves {speed:.2g} px/frame. S of the pathway "
             f"of the opposite direction is {100 * wrong:.1f} % of S of the right pathway.",
-            at_most(wrong, 0.01, 0.1),
+            Verdict.at_most(wrong, 0.01, 0.1),
             {"speed_px_frame": speed, "wrong_over_right": wrong},
         )
     by_speed = {speed: _leak_at(speed) for speed in _SPEEDS}
@@ -132,7 +129,7 @@ def diagonals() -> Built:
             f"On average over the frames, {100 * share:.1f} % of the worst pathway's S lies on "
             f"the side of the block that moves in the pathway's direction; {100 * last:.1f} % in "
             "the last frame, which has the fastest motion.",
-            at_least(share, 0.95, 0.75),
+            Verdict.at_least(share, 0.95, 0.75),
             {"least_mean_share_on_side": share, "least_share_in_last_frame": last},
         )
     claim = Claim(
@@ -321,12 +318,12 @@ def _shown(preset: str) -> Inward:
 
 def _inward(shown: Inward, preset: str) -> Finding:
     ratios = {
-        angle: peak_of(shown[_INWARD][angle]) / max(peak_of(shown[_OUTWARD][angle]), 1e-30)
+        angle: shown[_INWARD][angle].largest / max(shown[_OUTWARD][angle].largest, 1e-30)
         for angle in _ANGLES
     }
     return Finding(
         f"Peak for inward motion divided by the peak for outward motion: {_stated(ratios)}.",
-        at_most(max(ratios.values()), 0.05, 0.25),
+        Verdict.at_most(max(ratios.values()), 0.05, 0.25),
         {f"ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
         _faint(shown, preset),
     )
@@ -338,7 +335,7 @@ def _suppression(shown: Inward, preset: str) -> Finding:
         for label in (_BOTH, _OUTWARD)
     )
     ratios = {angle: both[angle] / outward[angle] for angle in _ANGLES}
-    holds = at_most(max(ratios.values()), 0.5, np.inf)
+    holds = Verdict.at_most(max(ratios.values()), 0.5, np.inf)
     return Finding(
         f"Mean response with inward motion divided by that without it: {_stated(ratios)}.",
         holds if min(ratios.values()) <= 0.9 else Verdict.DOES_NOT,
@@ -360,7 +357,7 @@ def _draw_inward(shown: dict[str, Inward]) -> Figure:
         axes = figure.subplots(2, 3, width_ratios=[1, 1, 0.72])
         for row, (preset, each) in zip(axes, shown.items(), strict=True):
             for panel, angle in zip(row, _ANGLES, strict=False):
-                largest = max(peak_of(each[label][angle]) for label in _STIMULI) or 1.0
+                largest = max(each[label][angle].largest for label in _STIMULI) or 1.0
                 for label, colour, dash in zip(_STIMULI, CYCLE, ("-", "--", "-."), strict=False):
                     responses = each[label][angle]
                     panel.plot(

@@ -21,11 +21,8 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
-    at_least,
-    at_most,
     described_settings,
     hardly,
-    peak_of,
     plain,
     presented,
     settings_of,
@@ -235,14 +232,14 @@ def _near(detector: str, each: dict[str, Responses]) -> Finding:
     last = ", the last one" * (peak == int(each[detector].frame[-1]))
     return Finding(
         f"{detector_named(detector).label} peaks at frame {peak}{last}; the paper says {paper}.",
-        at_most(abs(peak - paper), 1, 3),
+        Verdict.at_most(abs(peak - paper), 1, 3),
         {"peak_frame": peak, "paper_frame": paper},
     )
 
 
 def _earlier(each: dict[str, Responses]) -> Finding:
     onset = {
-        name: int(shown.frame[np.argmax(shown.response >= _EARLY * peak_of(shown))])
+        name: int(shown.frame[np.argmax(shown.response >= _EARLY * shown.largest)])
         for name, shown in each.items()
     }
     peak = {name: _frame_of_peak(responses) for name, responses in each.items()}
@@ -262,14 +259,14 @@ def _earlier(each: dict[str, Responses]) -> Finding:
 def _stronger(each: dict[str, Responses]) -> Finding:
     until = (each["opplod"].peak or 0) + 1
     opplod, dlgmd = (
-        each[name].response[:until] / (peak_of(each[name]) or 1.0) for name in ("opplod", "dlgmd")
+        each[name].response[:until] / (each[name].largest or 1.0) for name in ("opplod", "dlgmd")
     )
     known = np.isfinite(opplod) & np.isfinite(dlgmd)
     share = float(np.mean(opplod[known] > dlgmd[known])) if known.any() else np.nan
     return Finding(
         f"Divided by its own peak, OppLoD's response is above that of D-LGMD in "
         f"{100 * share:.0f} % of the frames up to OppLoD's peak.",
-        at_least(share, 0.9, 0.5),
+        Verdict.at_least(share, 0.9, 0.5),
         {"share_above": share},
     )
 
@@ -284,7 +281,7 @@ def _found(centre: tuple[float, float], each: dict[str, Responses]) -> Finding:
     away = float(np.hypot(*(responses.centre[responses.peak or 0] - centre)))
     return Finding(
         f"At the peak the winning unit is {away:.0f} px from the disk's centre.",
-        at_most(away, 10, 50),
+        Verdict.at_most(away, 10, 50),
         {"distance_px": away},
     )
 
@@ -349,7 +346,7 @@ def thresholds() -> Built:
         tuple(
             {
                 "preset": preset, "detector": detector, "stimulus": name, "kind": kind,
-                "peak": peak_of(each[detector]), "threshold": threshold[preset][detector],
+                "peak": each[detector].largest, "threshold": threshold[preset][detector],
                 "first_crossing_s": first[preset].get(name, {}).get(detector),
             }
             for preset in PAPER_PRESETS
@@ -388,7 +385,7 @@ def _worst(controls: Shown) -> dict[str, tuple[str, float]]:
     """Return the control with the largest response, and that response, by detector."""
     return {
         detector: max(
-            ((name, peak_of(each[detector])) for name, each in controls.items()),
+            ((name, each[detector].largest) for name, each in controls.items()),
             key=lambda pair: pair[1],
         )
         for detector in _DETECTORS
@@ -417,7 +414,7 @@ def _finding(first: First, threshold: dict[str, float]) -> Finding:
     return Finding(
         f"OppLoD is first in {earlier}, D-LGMD in {later} of {len(pairs)} looming stimuli; "
         f"OppLoD misses {missed[0]}, D-LGMD {missed[1]}.{both}",
-        at_least(share, 0.9, 0.5),
+        Verdict.at_least(share, 0.9, 0.5),
         {
             "opplod_first": earlier,
             "dlgmd_first": later,

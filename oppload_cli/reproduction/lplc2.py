@@ -20,7 +20,6 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
-    at_least,
     described_settings,
 )
 from oppload_cli.stimulus.catalogue import load_all
@@ -272,7 +271,7 @@ def _does(rows: Sequence[Row]) -> Finding:
     parts = "; ".join(f"{name}: {_in_words(value)}" for name, (value, _, _) in ratios.items())
     return Finding(
         f"{sum(in_range)} of {len(in_range)}. {parts}.",
-        at_least(sum(in_range) / len(in_range), 1, 0.5),
+        Verdict.at_least(sum(in_range) / len(in_range), 1, 0.5),
         {name: value for name, (value, _, _) in ratios.items()},
     )
 

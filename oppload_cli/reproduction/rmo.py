@@ -19,7 +19,6 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
-    at_most,
 )
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.stimulus.truth import frame_truth
@@ -82,7 +81,7 @@ def definition() -> Built:
             {
                 NO_PRESET: Finding(
                     f"Over {_PAIRS} random pairs, they differ by at most {largest:.1g}.",
-                    at_most(largest, 1e-3, 0.05),
+                    Verdict.at_most(largest, 1e-3, 0.05),
                     {"largest_difference": largest},
                 )
             },

@@ -47,6 +47,11 @@ class Responses:
             return None
         return int(np.nanargmax(self.response))
 
+    @property
+    def largest(self) -> float:
+        """The largest response; 0 without a response."""
+        return 0.0 if self.peak is None else float(self.response[self.peak])
+
     def presentations(self, protocol: Protocol) -> list[Responses]:
         """Return the responses to each presentation, with frames and times of the first one.
 

@@ -8,8 +8,6 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
-    at_least,
-    at_most,
     hardly,
     plain,
     settings_of,
@@ -34,7 +32,7 @@ NAN = float("nan")
     ],
 )
 def test_a_value_that_should_be_small(value: float, verdict: Verdict) -> None:
-    assert at_most(value, 0.1, 0.5) is verdict
+    assert Verdict.at_most(value, 0.1, 0.5) is verdict
 
 
 @pytest.mark.parametrize(
@@ -42,7 +40,7 @@ def test_a_value_that_should_be_small(value: float, verdict: Verdict) -> None:
     [(2.0, HOLDS), (0.9, HOLDS), (0.89, IN_PART), (0.5, IN_PART), (0.4, DOES_NOT), (NAN, DOES_NOT)],
 )
 def test_a_value_that_should_be_large(value: float, verdict: Verdict) -> None:
-    assert at_least(value, 0.9, 0.5) is verdict
+    assert Verdict.at_least(value, 0.9, 0.5) is verdict
 
 
 @pytest.mark.parametrize(
