@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING
 from oppload_cli.stimulus.courses import HIT_SIZES
 from oppload_cli.stimulus.geometry import Extent, Pose, Projection
 from oppload_cli.stimulus.objects import FIELDS, LOOMING, Brightness, Growth, Motion, Object
-from oppload_cli.stimulus.tables import Camera, ProtocolTables, Timing, exact_sum
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from oppload_cli.stimulus.tables import Camera, ProtocolTables
 
 _Vector = tuple[float, float]
 _STILL: _Vector = (0.0, 0.0)
@@ -27,17 +28,9 @@ _STILL: _Vector = (0.0, 0.0)
 ROUNDING_S = 1e-9
 
 
-def motion_times(timing: Timing, obj: Object) -> tuple[float, float]:
-    """Return when an object's motion starts and ends, in seconds of the clip."""
-    start = exact_sum(timing.before_s, obj.onset_s)
-    if obj.duration_s is None:
-        return float(start), timing.end_s
-    return float(start), float(exact_sum(timing.before_s, obj.onset_s, obj.duration_s))
-
-
 def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     """Return the pose of an object of the protocol at a time, in seconds of the clip."""
-    start, end = motion_times(protocol.timing, obj)
+    start, end = protocol.motion_of(obj)
     moving = start <= time < end
     elapsed = min(max(time - start, 0.0), end - start)
     # With `reverse`, growth and movement run from their end to their start.

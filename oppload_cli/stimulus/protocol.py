@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import StimulusError, faults_at, suggestion
 from oppload_cli.schema import REQUIRED, Parameter, Table
-from oppload_cli.stimulus.kinematics import ROUNDING_S, motion_times, pose_of
+from oppload_cli.stimulus.kinematics import ROUNDING_S, pose_of
 from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Motion, Object
 from oppload_cli.stimulus.staging import check_stage, enters
 from oppload_cli.stimulus.tables import TABLES, ProtocolTables, Scene
@@ -160,7 +160,7 @@ def _check_object_times(protocol: Protocol, obj: Object) -> None:
 
 
 def _check_contact(protocol: Protocol, obj: Object, contact: float) -> None:
-    start, end = motion_times(protocol.timing, obj)
+    start, end = protocol.motion_of(obj)
     total = protocol.timing.total_s
     slack = 1e-9 * max(1.0, total)
     where = ""
@@ -214,7 +214,7 @@ def _remarks(protocol: Protocol) -> Iterator[str]:
 
 
 def _late_changes(protocol: Protocol, obj: Object) -> Iterator[str]:
-    start, end = motion_times(protocol.timing, obj)
+    start, end = protocol.motion_of(obj)
     last_frame = protocol.time_of(protocol.frame_count - 1)
     shown = min(end, last_frame) - start + ROUNDING_S
     if obj.brightness is not None and obj.brightness.start_s > shown:

@@ -19,7 +19,6 @@ from oppload_cli.stimulus.kinematics import (
     ROUNDING_S,
     contact_of_shape,
     is_drawn,
-    motion_times,
     reaches_field,
     shaken,
 )
@@ -101,7 +100,7 @@ def view_of(protocol: ProtocolTables, time: float) -> View:
 
 @lru_cache(maxsize=256)
 def _line(protocol: ProtocolTables, obj: Object) -> Line:
-    start, end = motion_times(protocol.timing, obj)
+    start, end = protocol.motion_of(obj)
     if obj.course is None or obj.size_m is None:
         raise StimulusError(f"object '{obj.id}' has no course")
     return Line.of(obj.course, obj.size_m, end - start)
@@ -109,7 +108,7 @@ def _line(protocol: ProtocolTables, obj: Object) -> Line:
 
 def sight_of(protocol: ProtocolTables, obj: Object, time: float) -> Sight:
     """Return a picture of the protocol at a time, in seconds of the clip."""
-    start, end = motion_times(protocol.timing, obj)
+    start, end = protocol.motion_of(obj)
     line, view = _line(protocol, obj), view_of(protocol, time)
     elapsed = min(max(time - start, 0.0), end - start)
     offset = line.position(elapsed)
@@ -125,7 +124,7 @@ def sight_of(protocol: ProtocolTables, obj: Object, time: float) -> Sight:
 
 def contact_of(protocol: ProtocolTables, obj: Object) -> float | None:
     """Return when an object reaches the observer, in seconds of the clip; None if it never does."""
-    start, end = motion_times(protocol.timing, obj)
+    start, end = protocol.motion_of(obj)
     if obj.kind != PICTURE:
         return contact_of_shape(obj, start, end)
     nearest, distance = _line(protocol, obj).closest()
@@ -192,7 +191,7 @@ def check_stage(protocol: ProtocolTables) -> None:
                 f"{where}: it starts {-ahead:g} m behind the camera; change start_m, or use kind "
                 "'overtaking'"
             )
-        contact, (_, end) = contact_of(protocol, obj), motion_times(protocol.timing, obj)
+        contact, (_, end) = contact_of(protocol, obj), protocol.motion_of(obj)
         total, stays = protocol.timing.total_s, obj.vanishes == "never"
         if stays and contact is not None and end + ROUNDING_S < contact <= total:
             raise StimulusError(

@@ -16,7 +16,7 @@ SURROUNDINGS = ("plane", "street", "forest", "room", "sky")  # drawn by the pack
 
 
 @lru_cache(maxsize=1024)
-def exact_sum(*seconds: float) -> Fraction:
+def _exact_sum(*seconds: float) -> Fraction:
     """Return the exact sum of durations as they are written: 0.1 and 0.2 make 3/10.
 
     The time of a frame is a rounded fraction. A sum of floats could be slightly later than the
@@ -87,12 +87,12 @@ class Timing(Table):
     @property
     def end_s(self) -> float:
         """When the motion ends, in seconds of the clip."""
-        return float(exact_sum(self.before_s, self.motion_s))
+        return float(_exact_sum(self.before_s, self.motion_s))
 
     @property
     def total_s(self) -> float:
         """The clip's duration in seconds."""
-        return float(exact_sum(self.before_s, self.motion_s, self.after_s))
+        return float(_exact_sum(self.before_s, self.motion_s, self.after_s))
 
     def elapsed(self, time: float) -> float:
         """Return the seconds of the motion that have passed at a time of the clip."""
@@ -226,8 +226,15 @@ class ProtocolTables(Table):
     def frame_count(self) -> int:
         """Number of frames: those whose time lies before the clip's end."""
         timing = self.timing
-        total = exact_sum(timing.before_s, timing.motion_s, timing.after_s)
+        total = _exact_sum(timing.before_s, timing.motion_s, timing.after_s)
         return max(1, math.ceil(total * self.display.frame_rate))
+
+    def motion_of(self, obj: Object) -> tuple[float, float]:
+        """Return when an object's motion starts and ends, in seconds of the clip."""
+        start = _exact_sum(self.timing.before_s, obj.onset_s)
+        if obj.duration_s is None:
+            return float(start), self.timing.end_s
+        return float(start), float(_exact_sum(self.timing.before_s, obj.onset_s, obj.duration_s))
 
     def time_of(self, frame: int) -> float:
         """Return the time of a frame (0-based), in seconds of the clip."""

@@ -19,7 +19,6 @@ from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
 from oppload_cli.results.table import write_sidecar
-from oppload_cli.stimulus.kinematics import motion_times
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.truth import frame_truth
 from oppload_cli.tuning.present import Measures, measure, present, seen_on
@@ -292,7 +291,7 @@ def _to_vanishing(conditions: Sequence[Condition], entry: Entry) -> Iterator[Dou
 def _vanishing(protocol: Protocol) -> dict[str, float]:
     """Return when objects vanish, in s, by the keys of the protocol that say so."""
     return {
-        f"{each.id}.vanishes": motion_times(protocol.timing, each)[1]
+        f"{each.id}.vanishes": protocol.motion_of(each)[1]
         for each in protocol.objects
         if each.vanishes != "never"
     }
