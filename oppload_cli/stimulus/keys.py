@@ -108,7 +108,8 @@ def with_value(
 ) -> dict[str, Any]:
     """Return a copy of a protocol's table with a value for ``seed``, ``ID.growth.end_deg``, ...
 
-    `words` are those that `where` takes in place of a key, for messages.
+    `where` begins the message of an error, and `words` are what a user may write there in place of
+    a key.
     """
     first, _, rest = dotted.partition(".")
     if dotted in {_SEED, "description", "source", "tags"}:

@@ -387,7 +387,7 @@ class Span:
         this part reaches the end of the input, it calls `finish` of the source.
         """
         times = FrameTimes(source.facts.frame_rate)
-        started, end = self.start is None, self.end
+        start, end = self.start, self.end
         before_s = 0.0
         for picture in source.pictures():
             if source.stopping:
@@ -395,10 +395,10 @@ class Span:
             wrong_before = times.wrong
             time_s = times.step(picture.time_s)
             position = (picture.index, time_s)
-            if not started:
-                if self.start is not None and not self.start.reached(*position):
+            if start is not None:
+                if not start.reached(*position):
                     continue
-                started = True
+                start = None  # it is reached
             elif times.wrong > wrong_before:
                 time_s = before_s  # not later than before: so the caller corrects and counts it
             if end is None and self.duration is not None:
