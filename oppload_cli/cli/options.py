@@ -222,6 +222,10 @@ class RunOptions(NamedTuple):
         return -1 if self.quiet else int(self.verbose)
 
 
+results = click.argument(
+    "results", nargs=-1, required=True, metavar="RESULT...", type=click.Path(path_type=Path)
+)
+
 quiet = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 
 # Each command says in its own words which detectors it takes.

@@ -46,9 +46,7 @@ _EFFECTS = {
 
 
 @click.command()
-@click.argument(
-    "results", nargs=-1, required=True, metavar="RESULT...", type=click.Path(path_type=Path)
-)
+@options.results
 @click.option(
     "-o",
     "--output",

@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument(
-    "results", nargs=-1, required=True, metavar="RESULT...", type=click.Path(path_type=Path)
-)
+@options.results
 @options.output(None, "Folder of the pages.  [default: the folder of the results]")
 @click.option(
     "--video",

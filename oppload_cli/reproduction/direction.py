@@ -367,8 +367,7 @@ def _draw_inward(shown: dict[str, Inward]) -> Figure:
                 panel.set(title=f"{TITLES[preset]}, axis {angle}°", xlabel="time (s)")
                 panel.set_ylim(-0.03, 1.08)
             row[0].set_ylabel("response / largest")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         for panel, (preset, weight) in zip(axes[:, 2], _FILTERS.items(), strict=True):
             _draw_filter(figure, panel, preset, weight)
     return figure

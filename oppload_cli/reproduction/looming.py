@@ -435,8 +435,7 @@ def _draw_first(first: dict[str, First]) -> Figure:
             panel.set(title=TITLES[preset], xlabel="first crossing (s)")
         axes[0].set_yticks(range(len(names)), [_short(name) for name in names])
         axes[0].invert_yaxis()
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
