@@ -1,4 +1,4 @@
-"""Options that several commands share, with their completion in the shell, and their checks.
+"""Options, and an argument, that several commands share, with their completion and their checks.
 
 An option of this module has the same name, default and meaning in every command.
 """
