@@ -9,7 +9,7 @@ import click
 import oppload_cli as oppload
 from oppload_cli import stimulus
 from oppload_cli.cli import options
-from oppload_cli.cli.progress import report
+from oppload_cli.cli.progress import outcome_lines
 from oppload_cli.files.atomic import refuse_existing
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
@@ -53,7 +53,7 @@ def demo(output: Path, if_exists: str) -> None:
     stimulus.write(protocol, output)
     click.echo(f"{protocol.description}; contact at {contact_s:.2f} s")
     click.echo(f"$ oppload run {video} -o {output}")
-    for line in report(task, run_task(task)):
+    for line in outcome_lines(task, run_task(task)):
         click.echo(line)
     result = oppload.read_result(outputs.csv)
     save(result.plot()[0], figure)

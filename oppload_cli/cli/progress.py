@@ -126,7 +126,7 @@ def _described(video: Video) -> str:
     )
 
 
-def report(task: Task, outcome: Outcome) -> Iterator[str]:
+def outcome_lines(task: Task, outcome: Outcome) -> Iterator[str]:
     """Yield the lines about one input whose run has ended."""
     table = task.outputs and task.outputs.csv
     if outcome.skipped:

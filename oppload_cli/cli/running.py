@@ -21,7 +21,7 @@ from oppload_cli import stimulus
 from oppload_cli.batch.plan import Failure, Tally, parse_shard, planned, read_list, write_failures
 from oppload_cli.cli import say
 from oppload_cli.cli.options import RunOptions, check_assignments, check_models
-from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, faults, report
+from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, faults, outcome_lines
 from oppload_cli.cli.report import write_pages
 from oppload_cli.compute import loops
 from oppload_cli.errors import (
@@ -118,7 +118,7 @@ def run_inputs(
             raise
         if not options.report_pages:
             return code
-        return _report(_tasks(plan, task, options), options) or code
+        return _make_pages(_tasks(plan, task, options), options) or code
 
 
 def _check_options(options: RunOptions, settings: Settings) -> None:
@@ -173,13 +173,13 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
     except Interrupted as stop:
         if stop.outcome and options.verbosity >= 0:
             progress.close()
-            for line in report(task, stop.outcome):
+            for line in outcome_lines(task, stop.outcome):
                 say(line)
         raise
     finally:
         progress.close()
     quiet = options.verbosity < 0
-    for line in faults(task, outcome, quiet=True) if quiet else report(task, outcome):
+    for line in faults(task, outcome, quiet=True) if quiet else outcome_lines(task, outcome):
         say(line)
     tally = Tally()
     tally.add(task.name, outcome)
@@ -208,7 +208,7 @@ def _tables(tasks: Iterator[Task]) -> list[Path]:
     return [path for path in paths if os.path.lexists(path)]
 
 
-def _report(tasks: Iterator[Task], options: RunOptions) -> int:
+def _make_pages(tasks: Iterator[Task], options: RunOptions) -> int:
     """Write the pages of the results that exist; return the exit code."""
     tables = _tables(tasks)
     if not tables:
