@@ -343,7 +343,7 @@ def _is_symmetric(entry: Entry) -> bool:
     protocol = protocols[0]
     timing, rate = protocol.timing, float(protocol.display.frame_rate)
     spans = {(timing.before_s, timing.end_s)}
-    spans |= {motion_times(timing, each) for each in protocol.objects}
+    spans |= {protocol.motion_of(each) for each in protocol.objects}
     times = (start + share * (end - start) for start, end in spans for share in (1 / 3, 2 / 3))
     frames = {min(round(time * rate), protocol.frame_count - 1) for time in times}
     # Rounding may change a pixel on an edge by a grey level.
