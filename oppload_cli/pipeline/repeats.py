@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 from statistics import fmean, median
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
@@ -26,6 +27,9 @@ _CELLS = 15  # cells across the shorter side of the frame; changes are averaged 
 _PICTURES = 3  # the usual change is the median change of the latest 3 pictures
 _FRAMES = 6  # before a cadence the usual change is at least the second largest of the latest 6
 _ENOUGH, _PROOF_S = 2, 2.0  # a cadence is two proved runs within 2 s
+# A camera that shakes nearly stops now and then. So of runs that end more than 6 frames apart, the
+# changes must be below this part of the share that holds otherwise.
+_DENSE, _DEEP = 6, 0.35
 _RISE = 0.4  # after a repeat the change rises to at least this share of the usual change
 _LENIENT = 2.0  # in a cadence one value of a repeat's change may be twice as large
 _SPAN = 20  # a picture's even time uses the mean interval of the latest 20 pictures
@@ -106,6 +110,15 @@ class _Change(NamedTuple):
 _NONE = _Change(0.0, 0.0)
 
 
+class _Proof(NamedTuple):
+    """A proved run: the change drops, and rises as steeply after it."""
+
+    time_s: float  # of the frame after the run
+    frame: int  # number of this frame
+    length: int  # of the run, in frames
+    deep: bool  # whether the change dropped so far that runs far apart count
+
+
 class Repeats:
     """Distinguishes repeats by a video converter from scenes that slow down or stand still.
 
@@ -113,10 +126,11 @@ class Repeats:
     would seem to stand still and then to jump. Exact repeats are recognised at once. A near repeat
     was re-encoded; its change drops far below that of the latest pictures. A run is a row of frames
     that may be repeats; it is proved if the change after it rises as steeply as it dropped. Near
-    repeats are recognised only in a cadence: after `_ENOUGH` proved runs. If the scene comes to
-    rest in a cadence, the detectors get frames at the rate of the pictures, and after `longest_s`
-    every frame. Only past frames are used, so that the first near repeats are not recognised;
-    :meth:`again` recognises them afterwards.
+    repeats are recognised only in a cadence: after two proved runs that lie close together, or in
+    which the change is very small. If the scene comes to rest in a cadence, the detectors get
+    frames at the rate of the pictures, and after `longest_s` every frame. Only past frames are
+    used, so that the first near repeats are not recognised; :meth:`again` recognises them
+    afterwards.
 
     Source: ``docs/model.md``, "Repeats".
 
@@ -132,7 +146,7 @@ class Repeats:
         self._usual: deque[_Change] = deque(maxlen=_FRAMES)
         # The current run: its length, the largest change in it, and the time of its picture.
         self._run, self._largest, self._since_s = 0, _NONE, 0.0
-        self._proofs: deque[tuple[float, int]] = deque()  # ends and lengths of proved runs
+        self._proofs: deque[_Proof] = deque()
         self._before_s = 0.0  # time of the frame before
         self._lasted_s: deque[float] = deque(maxlen=_SPAN)  # durations of pictures of a cadence
         self._picture_s = self._even_s = 0.0  # times: the latest picture was shown, was taken
@@ -221,7 +235,8 @@ class Repeats:
         counts = self.exact, self.near, self._frames
         for _ in range(2):  # the first pass finds the lengths of the runs, which the second uses
             proofs, lasted = len(self._proofs), len(self._lasted_s)
-            self._shown, self._run, self._pictures, self._repeats = None, 0, 0, 0
+            self._shown, self._run, self._frames = None, 0, 0
+            self._pictures = self._repeats = 0
             found = [self.step(luma, time_s) for luma, time_s in first]
             if len(self._proofs) >= proofs + _ENOUGH:
                 self._proofs = deque(list(self._proofs)[proofs:])
@@ -244,7 +259,7 @@ class Repeats:
         if not self._proofs:
             self._lasted_s.clear()
         # Before a cadence only a proved run shows how long its picture lasted.
-        known = self.is_cadence or (bool(self._proofs) and self._proofs[-1][0] == time_s)
+        known = self.is_cadence or (bool(self._proofs) and self._proofs[-1].time_s == time_s)
         if not known or not 0 < lasted_s <= self._params.longest_s:
             return time_s
         self._lasted_s.append(lasted_s)
@@ -266,7 +281,7 @@ class Repeats:
         if handling == _KEEP:
             self.exact += exact
             return Repeat()
-        while self._proofs and time_s - self._proofs[0][0] > _PROOF_S:
+        while self._proofs and time_s - self._proofs[0].time_s > _PROOF_S:
             self._proofs.popleft()
         if not exact and not (change and self._is_drop(change)):
             self._end_run(change, time_s)
@@ -283,8 +298,10 @@ class Repeats:
 
     @property
     def is_cadence(self) -> bool:
-        """Whether the latest two seconds have a cadence."""
-        return len(self._proofs) >= _ENOUGH
+        """Whether the latest two seconds have a cadence: two deep runs, or two close together."""
+        return sum(each.deep for each in self._proofs) >= _ENOUGH or any(
+            later.frame - earlier.frame <= _DENSE for earlier, later in pairwise(self._proofs)
+        )
 
     @property
     def in_run(self) -> bool:
@@ -294,7 +311,7 @@ class Repeats:
     @property
     def _longest(self) -> int:
         """Most repeats in a row in this cadence: pictures at even intervals differ by at most 1."""
-        *_, second, longest = sorted(run for _, run in self._proofs)
+        *_, second, longest = sorted(each.length for each in self._proofs)
         return min(longest, second + 1)
 
     def _is_drop(self, change: _Change) -> bool:
@@ -316,16 +333,18 @@ class Repeats:
     def _end_run(self, change: _Change | None, time_s: float) -> None:
         """Take a new picture; if the change rises as steeply as it dropped, the run is proved."""
         proved = self._run > 0 and self._before_s - self._since_s <= self._params.longest_s
+        deep = True
         if change is not None:  # with `EXACT` a run needs no rise
             usual = self._usual_change()
             proved &= change.largest > (_RISE * usual.largest or self._params.least)
             proved &= self._largest.below(self._params.share, change, lenient=True)
+            deep = self._largest.below(_DEEP * self._params.share, change, lenient=True)
             self._usual.append(change)
         if self.is_cadence and (proved or not self._run):
             self._pictures += 1
             self._repeats += self._run
         if proved:
-            self._proofs.append((time_s, self._run))
+            self._proofs.append(_Proof(time_s, self._frames, self._run, deep))
         self._run = 0
 
     def _at_rest(self, *, exact: bool) -> Repeat:

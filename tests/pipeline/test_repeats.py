@@ -14,7 +14,17 @@ from oppload_cli import open_video
 from oppload_cli.detection.parameters import AlarmParams
 from oppload_cli.models.timebase import TimeParams
 from oppload_cli.pipeline.one_pass import PassParams, Preparation
-from oppload_cli.pipeline.repeats import EXACT, Repeat, RepeatParams, Repeats, _Change
+from oppload_cli.pipeline.repeats import (
+    EXACT,
+    NEAR,
+    Repeat,
+    RepeatParams,
+    Repeats,
+    _Change,
+    _Proof,
+)
+from oppload_cli.pipeline.sources import StimulusVideo
+from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.video.frames import Frame
 from tests.media import texture, write_video
 
@@ -27,6 +37,7 @@ if TYPE_CHECKING:
     Luma = NDArray[np.float32]
 
 RESTED = Repeat(EXACT, still_begins=True)
+RUN = _Proof(0.0, 0, 1, deep=True)
 HEIGHT, WIDTH = 120, 160
 
 
@@ -179,14 +190,14 @@ def test_both_values_of_a_change_are_below_a_share_or_in_a_cadence_their_geometr
     for cadence in (strict, lenient):
         repeats._usual.extend([other] * 3)
         assert repeats._is_drop(change) == cadence
-        repeats._proofs.extend([(0.0, 1)] * 2)
+        repeats._proofs.extend([RUN] * 2)
 
 
 def test_the_usual_change_is_a_median_or_before_a_cadence_a_large_one() -> None:
     repeats = Repeats(RepeatParams())
     repeats._usual.extend(_Change(x / 100, x / 10) for x in (9, 8, 1, 4, 4, 4, 2, 1))
     assert repeats._usual_change() == (0.04, 0.4)  # the second largest of the latest 6
-    repeats._proofs.extend([(0.0, 1)] * 2)
+    repeats._proofs.extend([RUN] * 2)
     assert repeats._usual_change() == (0.02, 0.2)  # the median of the latest 3
 
 
@@ -208,13 +219,14 @@ def test_a_run_is_proved_by_a_change_that_rises(
     repeats._usual.extend([_Change(usual, usual)] * (usual > 0))
     repeats._run, repeats._before_s, repeats._largest = 2, 0.1, _Change(largest, largest)
     repeats._end_run(_Change(change, change), 0.15)
-    assert list(repeats._proofs) == [(0.15, 2)] * proved
+    assert [each.length for each in repeats._proofs] == [2] * proved
     # One value of the run may reach 0.7 of the change. Of runs in a cadence the proved ones count.
-    repeats._proofs.extend([(0.0, 1)] * 2)
+    repeats._proofs.extend([RUN] * 2)
     for mean in (0.06, 0.08):
         repeats._run, repeats._largest = 3, _Change(mean, 0.01)
         repeats._end_run(_Change(0.1, 0.2), 0.15)
-    assert (repeats._proofs[-1], len(repeats._proofs)) == ((0.15, 3), 3 + proved)
+    assert repeats._proofs[-1] == (0.15, 0, 3, False)
+    assert len(repeats._proofs) == 3 + proved
     assert (repeats._pictures, repeats._repeats) == (1, 3)
 
 
@@ -224,7 +236,7 @@ def test_a_proof_counts_for_two_seconds_and_a_run_for_itself() -> None:
     for time_s, cadence in ((1.95, True), (2.05, False)):
         repeats = Repeats(RepeatParams())
         repeats.step(one, 0.0)
-        repeats._proofs.extend([(0.0, 1), (1.9, 1)])
+        repeats._proofs.extend([RUN, RUN._replace(time_s=1.9)])
         repeats.step(other, time_s)
         assert repeats.is_cadence == cadence
         repeats._largest = _Change(1, 1)
@@ -248,7 +260,7 @@ def test_an_even_time_is_pulled_into_the_frame_before_the_picture(
 ) -> None:
     """The picture before was taken at 0.9 s; pictures last for 0.1 s, and frames for 0.04 s."""
     repeats = Repeats(RepeatParams())
-    repeats._proofs.extend([(0.0, 1)] * 2)
+    repeats._proofs.extend([RUN] * 2)
     repeats._picture_s = time_s - 0.1
     repeats._even_s, repeats._shown_s, repeats._before_s = 0.9, shown_s, time_s - 0.04
     assert repeats._even_time(time_s) == pytest.approx(told_s)
@@ -421,6 +433,46 @@ def test_real_rest_is_not_taken_for_repeats(tmp_path: Path, crf: int) -> None:
     assert "N" not in found
     assert repeats.near == 0
     assert repeats.pictures_per_s(30) is None
+
+
+@pytest.mark.parametrize(
+    ("apart", "moved_px", "cadence"),
+    [(6, 0.4, True), (7, 0.4, False), (7, 0.01, True), (30, 0.01, True), (6, 1.5, False)],
+)
+def test_runs_far_apart_are_repeats_only_if_hardly_anything_changes(
+    apart: int, moved_px: float, cadence: bool
+) -> None:
+    """A view moves by 3 px per frame, and by less in one frame of several."""
+    steps = np.full(95, 3.0)
+    steps[apart::apart] = moved_px
+    found, _ = answers(noisy(panned(np.cumsum(steps))))
+    assert ("N" in found) is cadence
+
+
+SHAKEN = "controls/looming-with-shake", "controls/camera-shake"
+
+
+def shaken(name: str, seed: int, shake_hz: float, shake_deg: float) -> list[Repeat]:
+    """Return the repeats of a film that a camera that shakes takes."""
+    motion = {"shake_deg": shake_deg, "shake_hz": shake_hz}
+    changes = {f"scene.motion.{key}": value for key, value in motion.items()} | {"seed": seed}
+    repeats = Repeats(RepeatParams())
+    video = StimulusVideo(load_all(name, changes)[0], 240)
+    return [repeats.step(frame.luma, frame.time_s) for frame in video]
+
+
+@pytest.mark.parametrize("film", [(SHAKEN[0], 11, 5, 0.8), (SHAKEN[1], 12, 3, 0.8)])
+def test_a_camera_that_shakes_shows_no_repeats(film: tuple[str, int, float, float]) -> None:
+    """Where it turns back, pictures change little; without a cadence they keep their times."""
+    for repeat in shaken(*film):
+        assert (repeat.kind in {"", EXACT}, repeat.shift_s) == (True, 0)
+
+
+@pytest.mark.slow
+def test_of_many_films_of_a_camera_that_shakes_few_show_repeats() -> None:
+    degrees = 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.2
+    films = itertools.product(SHAKEN, (11, 12, 13, 14), (3, 5, 8), degrees)
+    assert sum(any(each.kind == NEAR for each in shaken(*film)) for film in films) == 9
 
 
 @pytest.mark.parametrize(
