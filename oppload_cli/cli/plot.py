@@ -253,7 +253,7 @@ def _draw_results(
     """Draw results of ``oppload run``, without lines."""
     from oppload_cli.plots import rmo
 
-    needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
+    needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "_over_threshold"))
 
     def read(path: Path) -> BaseResult:
         result = read_result(path, needed)

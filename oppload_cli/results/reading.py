@@ -379,6 +379,10 @@ def _holds_images(path: Path) -> bool:
 def known_threshold(result: BaseResult, name: str) -> Series | None:
     """Return the threshold of a detector's alarm in each frame of a result.
 
+    A table with all columns states the responses divided by the threshold of the run. Without them,
+    the threshold is computed again from the responses: it differs from that of the run where the
+    alarm saw other pictures than the rows show, as between frames and at repeats.
+
     Parameters
     ----------
     result : BaseResult
@@ -406,6 +410,10 @@ def known_threshold(result: BaseResult, name: str) -> Series | None:
     for frame in np.flatnonzero(np.isfinite(response)):
         alarm.step(float(response[frame]), float(time_s[frame]))
         threshold[frame] = alarm.threshold
+    stated = f"{name}_over_threshold"
+    if stated in result.frames.columns:
+        multiple = check_numbers(result.path, result.frames, stated)
+        np.divide(response, multiple, out=threshold, where=multiple > 0)
     known = np.isfinite(threshold) & (threshold > 0)
     return np.where(known, threshold, np.nan) if known.any() else None
 
