@@ -409,7 +409,7 @@ def _draw_heat(
         images = []
         for panel, detector in zip(axes, detectors, strict=True):
             cells = [row.get(detector) for row in rows]
-            images.append(_draw_rows(panel, cells, options.xlim or ends, scale))
+            images.append(_draw_rows(panel, cells, options, options.xlim or ends, scale))
             panel.set_title(
                 style.plain(detector_named(detector).label), fontsize=8 if lines == 1 else 6.8
             )
@@ -417,11 +417,14 @@ def _draw_heat(
                 panel.axvline(0, color="white", lw=0.7, linestyle=(0, (4, 2)))
         for panel in axes[-columns:]:
             panel.set_xlabel(options.time_label)
+        note = "line in a row: alarm on"
+        if marked := [label for label, times in options.marks.items() if set(times) != {None}]:
+            note += f", white: {' and '.join(marked)}"
         # Ratios have one scale for all detectors; a response has the unit of its detector.
         groups = [[image] for image in images] if scale == "raw" else [images]
         for group, detector in zip(groups, detectors, strict=False):
             first = next(curve for curve in curves if curve.detector == detector)
-            bar = _draw_bar(figure, group, _value_label(scale, first), scale)
+            bar = _draw_bar(figure, group, f"{_value_label(scale, first)}\n{note}", scale)
             if len(groups) > 3:  # their labels stand side by side
                 bar.ax.xaxis.label.set_fontsize(5.2)
         _write_names(axes[::columns], names)
@@ -449,7 +452,11 @@ def _write_names(axes: Sequence[Axes], names: Sequence[str]) -> None:
 
 
 def _draw_rows(
-    axes: Axes, curves: Sequence[Curve | None], ends: tuple[float, float], scale: str
+    axes: Axes,
+    curves: Sequence[Curve | None],
+    options: CurveOptions,
+    ends: tuple[float, float],
+    scale: str,
 ) -> AxesImage:
     """Draw a heat map of a detector, without the scale of its colours."""
     bins = min(_MOST_BINS, max(len(curve.time) for curve in curves if curve is not None))
@@ -460,6 +467,10 @@ def _draw_rows(
             for start, duration in curve.alarms():
                 axes.plot([start, start + duration], [row + 0.36] * 2, color=_ALARM, lw=1.6,
                           solid_capstyle="butt")  # fmt: skip
+            for times in options.marks.values():
+                if (time := times[curve.number]) is not None:
+                    at = time - curve.zero_s
+                    axes.plot([at, at], [row - 0.5, row + 0.5], color="white", lw=0.9)
     image = axes.imshow(
         values, aspect="auto", cmap=style.SHADES, interpolation="nearest",
         extent=(*ends, len(curves) - 0.5, -0.5),
@@ -477,9 +488,8 @@ def _draw_bar(figure: Figure, images: Sequence[AxesImage], label: str, scale: st
         image.set_norm(norm)
     maps = [image.axes for image in images]
     bar = style.colour_bar(
-        figure, images[0], maps, f"{label}\nline in a row: alarm on", orientation="horizontal",
-        pad=0.02, aspect=30,
-    )  # fmt: skip
+        figure, images[0], maps, label, orientation="horizontal", pad=0.02, aspect=30
+    )
     if thresholded:
         bar.set_ticks([0.01, 0.1, 1, 10, 100], labels=["≤0.01", "0.1", "1", "10", "≥100"])
     elif isinstance(norm, LogNorm):

@@ -23,6 +23,7 @@ from oppload_cli.stimulus import ground_truth, load
 from tests.results.make import frame_rows, write_result, write_rows
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -264,6 +265,29 @@ def test_more_than_24_results_are_a_heat_map_of_bounded_size(tmp_path: Path) -> 
     names = [tick.get_text() for tick in opplod.get_yticklabels()]
     assert names[:2] == ["clip-0", "clip-2"]  # so many names would lie over each other
     assert len(opplod.lines) == 70  # the alarm of each
+
+
+def test_each_row_of_a_heat_map_has_its_own_marks(tmp_path: Path) -> None:
+    results = several(tmp_path, 25)
+    onsets = [0.1 + 0.02 * number for number in range(25)]
+    contacts = [None, *(1.5 + 0.01 * number for number in range(1, 25))]
+    marks: dict[str, Sequence[float | None]] = {"onset": onsets, "contact": contacts}
+    figure, (panel,) = plot_curves(results, models=["opplod"], marks=marks)
+    expected = [
+        [[time, row - 0.5], [time, row + 0.5]]
+        for row, times in enumerate(zip(onsets, contacts, strict=True))
+        for time in times
+        if time is not None
+    ]
+    np.testing.assert_allclose(white_lines(panel), expected)
+    assert figure.axes[-1].get_xlabel().endswith("alarm on, white: onset and contact")
+    marks["contact"] = [1.5] * 25
+    _, (panel,) = plot_curves(results, models=["opplod"], marks=marks, align="contact")
+    np.testing.assert_allclose(white_lines(panel)[0], [[-1.4, -0.5], [-1.4, 0.5]])
+
+
+def white_lines(axes: Axes) -> list[np.ndarray]:
+    return [np.asarray(line.get_xydata()) for line in axes.lines if line.get_color() == "white"]
 
 
 def test_a_bin_of_time_shows_its_largest_value() -> None:
