@@ -113,7 +113,7 @@ def plot_tuning(
                 "more values"
             )
     title = _title(tunings, kind) if title is None else title
-    shown = [_reduced(each) for each in tunings] if kind in {"polar", "line"} else tunings
+    shown = [_reduced(each) if _is_reduced(kind, each) else each for each in tunings]
     request = Request(shown, models, names, title, published, scale == "raw", lplc2)
     figure, axes = _PLOTS[kind](request)
     _write_below(figure, _settings_lines(tunings, names))
@@ -134,6 +134,11 @@ def _reduced(tuning: Tuning) -> Tuning:
     """Return a table without those parameters that have the same value in all rows."""
     varied = tuple(name for name in tuning.parameters if tuning.rows[name].nunique() > 1)
     return replace(tuning, parameters=varied) if varied else tuning
+
+
+def _is_reduced(kind: str, tuning: Tuning) -> bool:
+    """Return whether a kind of plot leaves out parameters of a single value."""
+    return kind in {"polar", "line"} or (kind == "heat" and len(tuning.parameters) > 2)
 
 
 def lines_of(

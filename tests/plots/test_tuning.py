@@ -362,6 +362,17 @@ def test_a_tuning_table_is_recognised_by_its_header(tmp_path: Path) -> None:
     assert not is_tuning(tmp_path / "none.csv")
 
 
+def test_a_third_parameter_of_a_single_value_leaves_a_heat_map(tmp_path: Path) -> None:
+    swept = {"a.speed_deg_s": [10.0, 20] * 2, "a.size_deg": [5.0, 5, 9, 9], "scene.seed": [7.0] * 4}
+    tuning = made(tmp_path, swept, {"opplod": [1.0, 2, 3, 4]}, preset="reference")
+    for kind in (None, "heat"):
+        figure, (panel, *_) = plot_tuning(tuning, kind)
+        shares = np.asarray(panel.images[0].get_array(), float)
+        np.testing.assert_allclose(shares, [[0.25, 0.5], [0.75, 1]])
+        assert (panel.get_xlabel(), panel.get_ylabel()) == ("speed (deg/s)", "size (deg)")
+        assert any("seed=7" in text.get_text() for text in figure.texts)
+
+
 def test_a_heat_map_over_several_decades_is_logarithmic(tmp_path: Path) -> None:
     values = {"disk.growth.speed_deg_s": [10.0, 10, 20, 20], "disk.size_deg": [5.0, 9, 5, 9]}
     peaks_of = {"opplod": [1e-9, 2e-3, 4e-2, 1.0], "dlgmd": [0.2, 0.5, 0.8, 1]}
