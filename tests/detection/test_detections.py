@@ -12,7 +12,7 @@ from oppload_cli.models.detector import Box, Response
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.video.frames import WorkingSize
 from tests.detection.showing import RATE, SIZE, approaching, remaining, together
-from tests.media import write_video
+from tests.media import disk, write_video
 from tests.presets import PLACES, REFERENCE
 
 if TYPE_CHECKING:
@@ -136,3 +136,35 @@ def test_a_box_ends_at_the_right_and_the_lower_edge_of_a_wide_frame() -> None:
     [found] = Detections(WorkingSize(40, 30, 3.0, 2.0)).of_box(answer)
     assert [*found.box] == [90, 40, 30, 20]
     assert (found.centre_x, found.centre_y) == (120, 70)
+
+
+@pytest.mark.parametrize(
+    ("grey", "left", "right", "share"),
+    [
+        # The disk on the left is near, but the other one has the larger response: no contact.
+        (0.0, (8.0, 52), (40.0, 70), 1.0),
+        # The disk on the left is near, has the larger response, and alone has a time to contact.
+        (0.3, (5.0, 48), (30.0, 60), alarm_params("default").contact_share),
+    ],
+)
+def test_the_alarm_counts_the_contact_of_the_object_with_the_largest_response(
+    grey: float, left: tuple[float, int], right: tuple[float, int], share: float
+) -> None:
+    def shown(x: float, length: float, contact: int, value: float) -> list[Luma]:
+        disks = (disk(SIZE, x, 120, length / remaining(t, contact)) for t in range(40))
+        return [np.maximum(each, value) for each in disks]
+
+    frames = np.array(together(shown(60, *left, grey), shown(180, *right, 0)))
+    records = analyse((255 * frames).astype(np.uint8), rate=RATE, rmo=False)
+    judged = []
+    for record in records:
+        near = [
+            each.time_to_contact_s is not None
+            and each.time_to_contact_s < alarm_params("default").contact_s
+            for each in record.detections
+        ]
+        response = record.responses["opplod"]
+        if response and len(set(near)) == 2:
+            assert response.response / record.evidence["opplod"] == pytest.approx(share)
+            judged.append(near[0])
+    assert judged == [share < 1] * 2

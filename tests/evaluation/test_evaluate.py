@@ -4,6 +4,7 @@ import base64
 import json
 import math
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -13,10 +14,11 @@ import numpy as np
 import pytest
 
 from oppload_cli.evaluation.metrics.intervals import Measurement
-from oppload_cli.evaluation.output import FILES, printed_table
+from oppload_cli.evaluation.output import FILES, _responses, _windows, printed_table
 from oppload_cli.evaluation.page import MEASURES, NO_VALUE, number
 from tests.cli import process
 from tests.cli.inside import oppload
+from tests.evaluation import make
 from tests.evaluation.conftest import CONTACT, ONSET
 from tests.results.make import rows_of
 
@@ -180,6 +182,28 @@ def test_tables_and_report_agree_on_every_window_and_frame(evaluated: Path) -> N
         else:
             assert last < CONTACT - 29
     assert uses == {"approach", "earlier", "without approach"}
+
+
+def test_windows_have_responses_where_the_evidence_is_another() -> None:
+    """Near a contact, evidence is a multiple of the response: it decides alarms, not scores."""
+    response = make.peaks(60, {20: 2.0, 38: 0.3, 39: 0.5})
+    made = make.clip(response, onset=30, contact=39)
+    (name, output), nan = next(iter(made.outputs.items())), math.nan
+    evidence = np.where(np.arange(60) >= 35, 10, 1) * output.response
+    evaluation: Any = SimpleNamespace(
+        clips=[replace(made, outputs={name: replace(output, evidence=evidence)})]
+    )
+    rows = list(_responses(evaluation))
+    np.testing.assert_array_equal([row["response"] for row in rows], [nan] * 3 + response[3:])
+    np.testing.assert_array_equal([row["evidence"] for row in rows], evidence)
+    assert (rows[39]["response"], rows[39]["evidence"]) == (0.5, 5.0)
+    scores = {
+        (row["use"], row["last_frame"]): row["score"]
+        for row in _windows(evaluation)
+        if row["frames_before_contact"] == 0
+    }
+    assert scores["approach", 39] == 0.5
+    assert scores["earlier", 29] == 2.0
 
 
 def test_the_page_holds_every_figure_and_needs_no_other_file(evaluated: Path) -> None:

@@ -241,13 +241,19 @@ def test_without_adaptation_every_presentation_is_the_first(tmp_path: Path) -> N
     peaks = [each.measures["opplod"].peak or 0 for each in shown]
     assert peaks[0] > 0
     assert peaks == pytest.approx([peaks[0]] * 3, rel=0.01)
-    assert len({each.measures["opplod"].peak_frame for each in shown}) == 1
+    first, *others = (each.measures["opplod"] for each in shown)
+    for other in others:  # frames and times count from the start of each presentation
+        assert (other.peak_frame, other.onset_frame) == (first.peak_frame, first.onset_frame)
+        assert (other.peak_time_s, other.onset_time_s) == (first.peak_time_s, first.onset_time_s)
+        assert other.peak_before_contact_s == first.peak_before_contact_s
     tired = [each.measures["tired"].peak or 0 for each in shown]
     assert tired == pytest.approx([tired[0], tired[0] / 2, tired[0] / 4], rel=1e-6)
     write_tuning(tmp_path / "a.csv", shown)
     rows = rows_of(tmp_path / "a.csv")
     assert list(rows[0])[:4] == ["stimulus", "disk.growth.speed_deg_s", "presentation", "model"]
     assert rows[3]["stimulus"] == "disk/speed-25/presentation-2"
+    times = [float(row["peak_time_s"]) for row in rows if row["model"] == "opplod"]
+    assert times == pytest.approx([float(rows[0]["peak_frame"]) / 25] * 3)
 
 
 def test_a_pause_before_the_motion_is_no_part_of_a_presentation(tmp_path: Path) -> None:
