@@ -419,7 +419,7 @@ def _draw_heat(
             panel.set_xlabel(options.time_label)
         note = "line in a row: alarm on"
         if marked := [label for label, times in options.marks.items() if set(times) != {None}]:
-            note += f", white: {' and '.join(marked)}"
+            note += f"\nwhite: {' and '.join(marked)}"
         # Ratios have one scale for all detectors; a response has the unit of its detector.
         groups = [[image] for image in images] if scale == "raw" else [images]
         for group, detector in zip(groups, detectors, strict=False):

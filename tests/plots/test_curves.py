@@ -280,7 +280,7 @@ def test_each_row_of_a_heat_map_has_its_own_marks(tmp_path: Path) -> None:
         if time is not None
     ]
     np.testing.assert_allclose(white_lines(panel), expected)
-    assert figure.axes[-1].get_xlabel().endswith("alarm on, white: onset and contact")
+    assert figure.axes[-1].get_xlabel().endswith("alarm on\nwhite: onset and contact")
     marks["contact"] = [1.5] * 25
     _, (panel,) = plot_curves(results, models=["opplod"], marks=marks, align="contact")
     np.testing.assert_allclose(white_lines(panel)[0], [[-1.4, -0.5], [-1.4, 0.5]])
