@@ -233,7 +233,9 @@ class ContainerSource(PictureSource):
         try:
             size = path.stat().st_size
         except (FileNotFoundError, ValueError) as error:  # a text that can be no file's name
-            raise SourceError(f"{self.name}: no such file; check the path") from error
+            stdin = "give /dev/stdin to read from standard input"
+            reason = stdin if self.name == "-" else "no such file; check the path"
+            raise SourceError(f"{self.name}: {reason}") from error
         except OSError as error:
             raise cannot_read(self.name, error) from error
         if path.is_file() and size == 0:

@@ -67,9 +67,6 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
     if not name:
         yield _no_input("", "an empty name is no input; give a file or a folder")
         return
-    if name == "-" and not os.path.lexists(name):
-        yield _no_input(name, "give /dev/stdin to read from standard input")
-        return
     matches = _matches(name)
     if not matches:
         yield _no_input(name, "matches no file; check the pattern")

@@ -63,6 +63,7 @@ WRONG = [
     (["report", "text.mp4"], 2, "text.mp4: is a video, not a result; run it first"),
     (["evaluate", "text.mp4"], 2, "text.mp4: has no ground truth beside it (text.stimulus.json)"),
     (["run", "-"], 3, "-: give /dev/stdin to read from standard input"),
+    (["run", "-", "-o", "-"], 3, "-: give /dev/stdin to read from standard input"),
     (["plot", "binary.csv"], 2, "is not valid text in UTF-8 (byte 2 cannot be read as text)"),
     (["run"], 2, "Missing argument 'INPUT...'"),
     (
