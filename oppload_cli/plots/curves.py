@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from oppload_cli.results.truths import Truth
 
 _MOST_CURVES = 6  # in a figure with a line of the legend for each curve
+_MOST_STEPS = 15  # between the numbers below a row of small panels, so that they do not touch
 _MOST_PANELS = 24  # results with a small panel each; more results are a heat map
 _MOST_LONGER = 4  # longest input over the shortest one, for one time axis
 _MOST_BINS = 400  # of time, in a heat map
@@ -330,6 +331,7 @@ def _draw_multiples(
             if own_scale == "threshold":
                 log_axis(panel, top)
             draw_marks([panel], curves, options)
+            panel.locator_params(axis="x", nbins=_MOST_STEPS // columns)
         legend = panels if several else []
         title = options.title or ("" if several else panels[0][0].result.title)
         shown_notes = [note for note in notes if "above the panel" not in note]

@@ -4,7 +4,7 @@ import json
 import math
 import pickle
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import TYPE_CHECKING
 
 import matplotlib.colors
@@ -217,6 +217,17 @@ def test_more_than_six_curves_are_small_multiples_on_one_scale(tmp_path: Path) -
         "OppLoD", "shaded: alarm on",
     ]  # fmt: skip
     assert figure.get_figwidth() == pytest.approx(PAGE)
+
+
+def test_the_numbers_below_small_multiples_do_not_touch(tmp_path: Path) -> None:
+    marks = {"contact": [1.75] * 7}
+    for xlim in ((-1.7, 0.2), (-0.9, 0.1), (-13, 0.5)):
+        figure, axes = plot_curves(several(tmp_path, 7), align="contact", marks=marks, xlim=xlim)
+        figure.draw_without_rendering()
+        boxes = [text.get_window_extent() for text in axes[-1].get_xticklabels()]
+        assert len(boxes) >= 3
+        gaps = [right.x0 - left.x1 for left, right in pairwise(boxes)]
+        assert min(gaps) > figure.dpi * 3 / 72, (xlim, gaps)
 
 
 EIGHT = list(detectors())[:8]
