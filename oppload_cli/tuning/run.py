@@ -163,7 +163,7 @@ def faint(peaks: Mapping[str, float], settings: Settings) -> Iterator[Doubt]:
     floor_of = "the floor of its alarm"
     if not settings.alarm.on:
         floor_of = "the floor of its alarm under other presets (here the alarms are off)"
-    advice = "try a faster stimulus or another preset ('oppload models')"
+    advice = "try other speeds, or another preset ('oppload models')"
     for name, peak in peaks.items():
         floor = alarm_floor_of(name, settings.preset)
         if is_rounding_error(peak, floor):
