@@ -27,13 +27,18 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
     "A,B; may be given again; the baselines are always evaluated.  "
     "[default: presets default and reference]",
 )
-@click.option(
-    "--set",
-    "assignments",
-    multiple=True,
-    metavar="SET.PARAMETER=VALUE",
+@options.assignments(
     help=f"One parameter of a detector or of all alarms, e.g. {EXAMPLE_SETTING}; may be given "
     "again.",
+)
+@options.config(
+    help="Settings of 'oppload run' from a file, for all detectors; its models and its preset are "
+    "evaluated, unless --model names others.",
+)
+@click.option(
+    "--height",
+    metavar="PX",
+    help="Height to which frames are resized for all detectors.  [default: that of the preset]",
 )
 @click.option(
     "--boxes",
@@ -66,6 +71,8 @@ def evaluate(
     inputs: tuple[str, ...],
     models: tuple[str, ...],
     assignments: tuple[str, ...],
+    config: Path | None,
+    height: str | None,
     boxes: Path | None,
     backgrounds: tuple[Path, ...],
     changes: tuple[str, ...],
@@ -90,7 +97,9 @@ def evaluate(
     from oppload_cli.evaluation import evaluate as evaluation
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
 
-    chosen = detectors.evaluated_detectors(options.names_in(models), repeats, assignments)
+    chosen = detectors.evaluated_detectors(
+        options.names_in(models), repeats, assignments, config=config, height=height
+    )
     read = manifest.clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()

@@ -228,8 +228,17 @@ results = click.argument(
 
 quiet = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 
-# Each command says in its own words which detectors it takes.
+# Each command says in its own words which detectors and settings it takes.
 models = partial(click.option, "--model", "models", multiple=True, shell_complete=_complete_models)
+assignments = partial(
+    click.option,
+    "--set",
+    "assignments",
+    multiple=True,
+    metavar="SET.PARAMETER=VALUE",
+    shell_complete=_complete_settings,
+)
+config = partial(click.option, "--config", type=click.Path(path_type=Path), metavar="FILE.toml")
 
 repeats = click.option(
     "--repeats",
@@ -269,20 +278,10 @@ def settings(*, preset: str = DEFAULT_PRESET, table: bool = True) -> Callable[[C
             f"is for.  "
             f"[default: {preset}]",
         ),
-        click.option(
-            "--set",
-            "assignments",
-            multiple=True,
-            metavar="SET.PARAMETER=VALUE",
-            shell_complete=_complete_settings,
+        assignments(
             help=f"Set one parameter, e.g. {EXAMPLE_SETTING}; 'oppload models NAME' lists them.",
         ),
-        click.option(
-            "--config",
-            type=click.Path(path_type=Path),
-            metavar="FILE.toml",
-            help="Settings from a file; see 'oppload config'.",
-        ),
+        config(help="Settings from a file; see 'oppload config'."),
         click.option(
             "--height",
             metavar="PX|native",

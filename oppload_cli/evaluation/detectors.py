@@ -14,6 +14,7 @@ from oppload_cli.pipeline.settings import resolve
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from pathlib import Path
 
     from oppload_cli.detection.parameters import AlarmParams
     from oppload_cli.schema import Parameters
@@ -51,15 +52,20 @@ class EvaluatedDetector:
 
 
 def evaluated_detectors(
-    names: Iterable[str] = (), repeats: str | None = None, assignments: Sequence[str] = ()
+    names: Iterable[str] = (),
+    repeats: str | None = None,
+    assignments: Sequence[str] = (),
+    *,
+    config: Path | None = None,
+    height: str | None = None,
 ) -> list[EvaluatedDetector]:
     """Return the detectors to evaluate: the chosen ones, then the baselines.
 
     Parameters
     ----------
     names : iterable of str
-        ``NAME`` (under preset ``default``), ``NAME:PRESET``, ``NAME:VARIANT``, ``all`` or
-        ``all:PRESET``.
+        ``NAME`` (under preset ``default``, or that of `config`), ``NAME:PRESET``,
+        ``NAME:VARIANT``, ``all`` or ``all:PRESET``.
         If they name no detector that presets change, all such detectors are evaluated under
         ``default`` and ``reference``.
     repeats : str, optional
@@ -67,17 +73,31 @@ def evaluated_detectors(
     assignments : sequence of str
         ``set.parameter=value`` in place of the preset's value, for all detectors; the set is a
         detector, ``alarm``, ``repeats`` or ``time``.
+    config : Path, optional
+        Settings of ``oppload run`` in TOML, for all detectors; `repeats`, `assignments` and
+        `height` override them. Without `names`, the detectors of the file are evaluated, under
+        its preset.
+    height : str, optional
+        Working height of all detectors in pixels, in place of that of their presets.
 
     Raises
     ------
     ParameterError
-        If a name is unknown, a value is out of range, or a set belongs to no evaluated detector.
+        If a name is unknown, a value is out of range, a size is in degrees, the height is
+        ``native``, or a set belongs to no evaluated detector.
     """
-    chosen = _full_names(names)
+    preset = DEFAULT_PRESET
+    if config:
+        of_file = resolve(config=config)
+        preset, names = of_file.preset, list(names) or of_file.models
+    chosen = _full_names(names, preset)
     _, others = _by_presets()
     own = [name for name in chosen if name not in others] or _usual()
     rest = [name for name in others if detectors()[name].evaluated or name in chosen]
-    found = [_evaluated(name, repeats, assignments) for name in (*own, *rest)]
+    found = [
+        _evaluated(name, repeats, assignments, config=config, height=height)
+        for name in (*own, *rest)
+    ]
     sets = {*(each.detector for each in found), "alarm", "repeats", "time"}
     for assignment in assignments:
         name = assignment.partition(".")[0].strip()
@@ -108,8 +128,8 @@ def _usual() -> list[str]:
     return [f"{name}:{preset}" for name in _by_presets()[0] for preset in _USUAL_PRESETS]
 
 
-def _full_names(names: Iterable[str]) -> list[str]:
-    """Return each name once, with its preset added, and variants by their own names."""
+def _full_names(names: Iterable[str], usual: str = DEFAULT_PRESET) -> list[str]:
+    """Return each name once, with its preset or else `usual`, and variants by their own names."""
     with_presets, others = _by_presets()
     full: list[str] = []
     for name in names:
@@ -119,7 +139,7 @@ def _full_names(names: Iterable[str]) -> list[str]:
             full += [f"{each}:{preset}" for each in with_presets] if preset else _usual()
             full += [other for other in others if not detectors()[other].variant_of]
         elif name in with_presets:
-            full.append(f"{name}:{DEFAULT_PRESET}")
+            full.append(f"{name}:{usual}")
         else:
             full.append(variant if variant in others else name)
     known = [*(f"{name}:{preset}" for name in with_presets for preset in PRESETS), *others]
@@ -130,18 +150,40 @@ def _full_names(names: Iterable[str]) -> list[str]:
 
 
 def _evaluated(
-    full_name: str, repeats: str | None = None, assignments: Sequence[str] = ()
+    full_name: str,
+    repeats: str | None = None,
+    assignments: Sequence[str] = (),
+    *,
+    config: Path | None = None,
+    height: str | None = None,
 ) -> EvaluatedDetector:
     name, _, preset = full_name.partition(":")
     preset = preset or DEFAULT_PRESET
     detector = detectors()[name]
-    settings = resolve(preset=preset, models=[name], repeats=repeats, assignments=assignments)
+    settings = resolve(
+        preset=preset,
+        config=config,
+        models=[name],
+        height=height,
+        repeats=repeats,
+        assignments=assignments,
+    )
+    for size, degrees in settings.angles.items():
+        raise ParameterError(
+            f"{size}={degrees:g}deg: the fields of view of labelled clips are not known; give the "
+            f"size in pixels"
+        )
     # Detectors whose alarms are equal in all of their parameters can share one pass.
     settings = settings.with_all_detectors()
+    if settings.height is None:
+        raise ParameterError(
+            "labelled clips may differ in size, so that height 'native' has no meaning for all of "
+            "them; give the height in pixels"
+        )
     return EvaluatedDetector(
         full_name,
         PRESETS[preset].meaning if detector.presets else detector.meaning,
-        PRESETS[preset].height,
+        settings.height,
         settings.model_params()[0],
         settings.alarm,
         settings.repeats,

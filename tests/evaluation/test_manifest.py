@@ -208,12 +208,37 @@ def test_settings_hold_for_all_evaluated_detectors() -> None:
         ("lgmd2.threshold=1", "the evaluation has no parameter set 'lgmd2'; add a detector with"),
         ("places.most=1", "has no parameter set 'places'; add a detector with --model, or choose"),
         ("opplod.cel=10", "did you mean 'cell'"),
-        ("opplod.cell=10deg", "opplod.cell=10deg needs the field of view"),
+        ("opplod.cell=10deg", "opplod.cell=10deg: the fields of view of labelled clips are not"),
         ("opplod", "'opplod' is no setting; write set.parameter=value"),
     ):
         with pytest.raises(ParameterError) as error:
             evaluated_detectors([], None, [wrong])
         assert reason in str(error.value), wrong
+
+
+def test_a_file_of_settings_holds_for_all_evaluated_detectors(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        'preset = "reference"\nmodels = ["opplod", "lgmd2"]\nheight = 120\n'
+        '[opplod]\ncell = 8\n[alarm]\nhold_s = 1.5\n[repeats]\nhandling = "exact"\n'
+    )
+    baselines = ["dlgmd", "frame_difference", "flow_divergence"]
+    found = evaluated_detectors(config=path)
+    assert [each.name for each in found] == ["opplod:reference", *baselines, "lgmd2"]
+    for each in found:
+        stated = each.as_dict()
+        handling, hold_s = stated["repeats"]["handling"], stated["alarm"]["hold_s"]
+        assert (stated["height"], hold_s, handling) == (120, 1.5, "exact"), each.name
+    assert found[0].as_dict()["parameters"]["cell"] == 8
+    # The command line overrides the file; a model without a preset has that of the file.
+    named = ["opplod", "opplod:default"]
+    found = evaluated_detectors(named, "keep", ["opplod.cell=9"], config=path, height="200")
+    assert [each.name for each in found] == ["opplod:reference", "opplod:default", *baselines]
+    cells = [each.as_dict()["parameters"].get("cell") for each in found]
+    assert cells == [9, 9, None, None, None]
+    assert {(each.height, each.repeats.handling) for each in found} == {(200, "keep")}
+    with pytest.raises(ParameterError, match="height 'native' has no meaning for all of them"):
+        evaluated_detectors(height="native")
 
 
 def test_detectors_and_the_baselines_beside_them() -> None:
