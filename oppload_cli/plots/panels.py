@@ -14,7 +14,7 @@ from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots import style
 from oppload_cli.results.alarms import uncounted, uncounted_in
-from oppload_cli.results.reading import alarm_rows, known_threshold
+from oppload_cli.results.reading import alarm_rows, frame_ends, known_threshold
 from oppload_cli.results.truths import contacts_of, stated_contact, usable_truth
 
 if TYPE_CHECKING:
@@ -121,10 +121,9 @@ class Curve:
 
     def alarms(self) -> list[tuple[float, float]]:
         """Return the beginning of each alarm, as on the axis, and its duration, in seconds."""
-        time = self.time
-        step = float(np.median(np.diff(time)))
+        time, ends = self.time, frame_ends(self.time)
         rows = alarm_rows(self.result, self.detector)
-        return [(time[first], time[stop - 1] - time[first] + step) for first, stop in rows]
+        return [(time[first], ends[stop - 1] - time[first]) for first, stop in rows]
 
 
 def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list[Curve]]:

@@ -15,7 +15,13 @@ from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.palette import INK, ink_on
 from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted_in
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import alarm_rows, check_schema, known_threshold, read_detections
+from oppload_cli.results.reading import (
+    alarm_rows,
+    check_schema,
+    frame_ends,
+    known_threshold,
+    read_detections,
+)
 from oppload_cli.results.truths import contacts_of, find_truth, sizes_in
 from oppload_cli.version import __version__
 
@@ -60,7 +66,7 @@ class _AlarmSpan(NamedTuple):
     last: int  # row
     frame: int  # of the first row
     start_s: float
-    end_s: float
+    end_s: float  # of the last frame's display
     peak: float  # of the curve's values in this time
     contact_s: float | None  # from start_s to contact, by the first estimate in this time
 
@@ -199,6 +205,7 @@ def _curve(result: BaseResult, name: str) -> Curve:
 def _alarms(result: BaseResult, curve: Curve, boxes: _Boxes) -> list[_AlarmSpan]:
     times = result.frames["time_s"].to_numpy(float)
     frames = result.frames["frame"].tolist()
+    ends = frame_ends(times)
     return [
         _AlarmSpan(
             curve,
@@ -206,7 +213,7 @@ def _alarms(result: BaseResult, curve: Curve, boxes: _Boxes) -> list[_AlarmSpan]
             stop - 1,
             int(frames[first]),
             float(times[first]),
-            float(times[stop - 1]),
+            float(ends[stop - 1]),
             float(np.nanmax(curve.values[first:stop], initial=0.0)),
             _contact_s(times, range(first, stop), boxes),
         )

@@ -428,6 +428,17 @@ def alarm_rows(result: BaseResult, name: str) -> list[tuple[int, int]]:
     return [(first, stop) for first, stop in edges.reshape(-1, 2).tolist()]
 
 
+def frame_ends(times: Series) -> Series:
+    """Return the time at which each frame ends, from the presentation times of all frames.
+
+    A frame lasts until the next one, but at most two median steps, as frames may be missing. The
+    last frame lasts for a median step, and the only frame of a result for no time.
+    """
+    steps = np.diff(times)
+    usual = np.median(steps) if steps.size else 0.0
+    return np.asarray(times + np.append(np.minimum(steps, 2 * usual), usual), np.float64)
+
+
 def check_schema(result: BaseResult) -> None:
     """Raise a ResultError if the sidecar of a result has another schema than `SCHEMA`."""
     schema = result.sidecar.get("schema", SCHEMA)

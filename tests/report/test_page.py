@@ -79,6 +79,9 @@ def test_curves_alarms_and_boxes(table: Path) -> None:
         (first - FIRST, last - FIRST, first, 10) for first, last in ALARMS
     ]
     assert content.alarms[0].start_s == TIMES_MS[8] / 1000
+    assert [each.end_s for each in content.alarms[:-1]] == [
+        TIMES_MS[last + 1] / 1000 for _, last in ALARMS[:-1]
+    ]
     assert content.alarms[0].contact_s == (TIMES_MS[9] - TIMES_MS[8]) / 1000 + 0.5
     assert [each.contact_s for each in content.alarms[1:]] == [None] * (len(content.alarms) - 1)
     assert sorted(content.boxes) == [8 - FIRST, 9 - FIRST, 10 - FIRST]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from oppload_cli.errors import ResultError
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import read_result, read_tuning
+from oppload_cli.results.reading import frame_ends, read_result, read_tuning
 from tests.results.make import frame_rows, write_rows, write_tuning
 
 if TYPE_CHECKING:
@@ -71,6 +72,12 @@ def test_a_tuning_table_without_a_sidecar_is_of_no_symmetric_stimulus(tmp_path: 
     assert tuning != read_tuning(path)  # no comparison of tables, which raises a ValueError
     path.with_suffix(".json").unlink()
     assert not read_tuning(path).symmetric
+
+
+def test_a_frame_lasts_until_the_next_one_unless_frames_are_missing() -> None:
+    ends = frame_ends(np.array([0.0, 1, 2.5, 3.5, 9, 10]))
+    assert ends.tolist() == [1, 2.5, 3.5, 5.5, 10, 11]
+    assert frame_ends(np.array([4.0])).tolist() == [4]
 
 
 def test_rows_out_of_order_and_twice(tmp_path: Path) -> None:
