@@ -279,7 +279,7 @@ def _cost(folder: Path) -> Iterator[str]:
     for entry in _entries(folder):
         with open_video(cast("Path", entry.path), height=240) as video:
             model = Opplod(video.working.shape)
-            places = Places()
+            places = Places(place_params())
             frames, searched, started = 0, 0.0, time.process_time()
             for frame in video:
                 if model.step(frame.luma):

@@ -44,7 +44,7 @@ _DETECTION_COLUMNS = (
     "frame", "time_s", "id", "x", "y", "width", "height", "centre_x", "centre_y", "response",
     "alarm", "time_to_contact_s", "time_to_contact_error_s",
 )  # fmt: skip
-# The types of columns that are not floats; the rows of a table bring them, an empty table does not.
+# The types of the columns that are not floats. Pandas takes them from the rows, if there are any.
 _NOT_FLOATS: dict[str, type] = {"frame": int, "id": int, "alarm": bool}
 
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.evaluate import Evaluation
 
 _SCHEMA = "oppload.benchmark/1"
-_DOTS = "dots: alarm, half a dot: for some stimuli"
 _LEAST, _MOST = 1e-3, 10.0  # widest range of the shades, in responses to the looming disk
 _ROWS_FOR_LABEL = 6  # from this number of rows on, the colour bar is high enough for its long label
 _SIDECAR = "benchmark.json"
@@ -250,7 +249,8 @@ def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
         axes.set_yticks(range(len(names)), [plain(label_of(name)) for name in names])
         axes.set_xlabel(table.axis)
         axes.set_title(
-            f"{table.title}\nshades: response divided by that to the looming disk\n{_DOTS}"
+            f"{table.title}\nshades: response divided by that to the looming disk\n"
+            "dots: alarm, half a dot: for some stimuli"
         )
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)

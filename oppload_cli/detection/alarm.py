@@ -168,7 +168,7 @@ class Cuts:
 
     Parameters
     ----------
-    params : AlarmParams, optional
+    params : AlarmParams
         The parameters `cut_ratio`, `cut_share`, `rest`, `blind_s` and `hold_s` are used.
 
     Source: ``docs/alarms.md``.
@@ -180,8 +180,8 @@ class Cuts:
     # this small change were kept, the next, ordinary change would look like a cut.
     LEAST_KEPT = 3
 
-    def __init__(self, params: AlarmParams | None = None) -> None:
-        self._params = params or AlarmParams()
+    def __init__(self, params: AlarmParams) -> None:
+        self._params = params
         self._changes: deque[tuple[float, float]] = deque()
         self._steps = _Steps()
         self._cut_s, self._cause = -math.inf, ""

@@ -267,8 +267,8 @@ def growth(now: Pyramid, before: Pyramid, region: Region, start: float = 0.0) ->
     # At this level the region has about SIDE to 2 SIDE pixels across.
     level = max(0, math.floor(math.log2(2 * math.sqrt(half_x * half_y) / SIDE)))
     here = now.samples(region, level)
-    seen, steps = _steps(here, half_x / half_y)
-    exact = steps.astype(np.float64)  # the matrix is nearly singular for a single straight edge
+    seen, slopes = _slopes(here, half_x / half_y)
+    exact = slopes.astype(np.float64)  # the matrix is nearly singular for a single straight edge
     _, inverse = cv2.invert(exact @ exact.T + _PRIOR)
     flat = here.ravel()
     scale, a, b, turn = 1 + start, 0.0, 0.0, 0.0
@@ -280,7 +280,7 @@ def growth(now: Pyramid, before: Pyramid, region: Region, start: float = 0.0) ->
         if count < _LEAST_SEEN * SIDE**2:
             return None
         rest = (there - flat) * both
-        moved_a, moved_b, shrunk, turned = (inverse @ (steps @ rest)).tolist()
+        moved_a, moved_b, shrunk, turned = (inverse @ (slopes @ rest)).tolist()
         if shrunk <= -1:
             return None
         scale /= 1 + shrunk
@@ -291,20 +291,20 @@ def growth(now: Pyramid, before: Pyramid, region: Region, start: float = 0.0) ->
     return Growth(scale - 1, math.sqrt(_ALIKE * variance * float(inverse[2, 2])))
 
 
-def _steps(here: Map, aspect: float) -> tuple[NDArray[np.bool_], Map]:
+def _slopes(here: Map, aspect: float) -> tuple[NDArray[np.bool_], Map]:
     """Return which samples count, and each sample's derivatives with respect to a, b, k and w.
 
     `aspect` is the width of the region divided by its height.
     """
     across, down, within = _grid()
     seen = within & (cv2.erode(here, _NEIGHBOURS) >= 0)
-    steps = np.zeros((4, SIDE, SIDE), np.float32)
-    steps[0, :, 1:-1] = here[:, 2:] - here[:, :-2]
-    steps[1, 1:-1] = here[2:] - here[:-2]
-    steps *= seen * np.float32(SIDE / 4)  # differences over two samples, made per half size
-    steps[2] = steps[0] * across + steps[1] * down
-    steps[3] = steps[1] * across * aspect - steps[0] * down / aspect
-    return seen.ravel(), steps.reshape(4, -1)
+    slopes = np.zeros((4, SIDE, SIDE), np.float32)
+    slopes[0, :, 1:-1] = here[:, 2:] - here[:, :-2]
+    slopes[1, 1:-1] = here[2:] - here[:-2]
+    slopes *= seen * np.float32(SIDE / 4)  # differences over two samples, made per half size
+    slopes[2] = slopes[0] * across + slopes[1] * down
+    slopes[3] = slopes[1] * across * aspect - slopes[0] * down / aspect
+    return seen.ravel(), slopes.reshape(4, -1)
 
 
 @cache

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from oppload_cli.detection.growth import Contact, Extent, Products, Pyramid, growth
-from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.detector import Box
 from oppload_cli.models.timebase import NEARLY_ONE, ROUNDING_S
 
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from oppload_cli.detection.parameters import PlaceParams
     from oppload_cli.models.detector import Response, UnitMaps
     from oppload_cli.models.dpc import Map
     from oppload_cli.video.frames import WorkingSize
@@ -191,7 +191,7 @@ class Places:
 
     Parameters
     ----------
-    params : PlaceParams, optional
+    params : PlaceParams
         Parameters of the search.
     interval_s : float
         Time in seconds between the frames that are compared; 0: from frame to frame.
@@ -199,9 +199,8 @@ class Places:
 
     _maps: UnitMaps
 
-    def __init__(self, params: PlaceParams | None = None, interval_s: float = 0.0) -> None:
-        self._params = params or PlaceParams()
-        self._interval_s = interval_s
+    def __init__(self, params: PlaceParams, interval_s: float = 0.0) -> None:
+        self._params, self._interval_s = params, interval_s
         self._products: Products | None = None
         self._tracks: list[Track] = []
         self._count = 0
@@ -227,7 +226,7 @@ class Places:
             to the first object, unless nothing moves outward on both sides of it.
         """
         self._maps = maps
-        self._look(luma, time_s)
+        self._keep(luma, time_s)
         found = _peaks(maps, self._params)
         self._products = Products(maps) if found and maps.pathways else None
         oldest = min(time_s - self._params.gap_s - ROUNDING_S, self._before_s)
@@ -244,7 +243,7 @@ class Places:
         self._before_s = time_s
         return shown
 
-    def _look(self, luma: Map, time_s: float) -> None:
+    def _keep(self, luma: Map, time_s: float) -> None:
         """Keep this frame, and the youngest frame that is at least an interval older."""
         old_s = time_s - _YOUNGEST * self._interval_s
         while len(self._frames) > 1 and self._frames[1][0] <= old_s:
@@ -317,15 +316,13 @@ class Detections:
     ----------
     working : WorkingSize
         Size of the working frames, and its scale.
-    params : PlaceParams, optional
+    params : PlaceParams
         Parameters of the search.
     interval_s : float
         As for :class:`Places`.
     """
 
-    def __init__(
-        self, working: WorkingSize, params: PlaceParams | None = None, interval_s: float = 0.0
-    ) -> None:
+    def __init__(self, working: WorkingSize, params: PlaceParams, interval_s: float = 0.0) -> None:
         self._places = Places(params, interval_s)
         self._working = working
         self._cause: int | None = None

@@ -211,10 +211,8 @@ class ArmsJudgement(CellJudgement):
         """
         photoreceptors = dpc.photoreceptors
         if self._params.graded:
-            motion = graded_motion(photoreceptors.maps, dpc.kernels)
-            parts = [motion.amount]
-            parts += [np.maximum(part, 0) for part in (motion.right, motion.up)]
-            parts += [np.maximum(-part, 0) for part in (motion.right, motion.up)]
+            amount, right, up = graded_motion(photoreceptors.maps, dpc.kernels)
+            parts = [amount, *(np.maximum(part, 0) for part in (right, up, -right, -up))]
         else:
             directed = [dpc.sums.pathways[phi] for phi in DIRECTIONS]
             parts = [np.maximum.reduce(directed), *directed]

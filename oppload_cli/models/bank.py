@@ -232,7 +232,7 @@ def _fault(detector: Detector, returned: object) -> str:
 
 
 def _plain(response: Response) -> Response:
-    """Return a response with Python's numbers, as no table or JSON file takes all of NumPy's.
+    """Return a response with Python's numbers in place of NumPy's, which tables and JSON refuse.
 
     The mean of an image of float32, for example, is a float32. A float64 is replaced too: JSON
     takes it, but not the result of comparing it with a threshold.

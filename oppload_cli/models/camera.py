@@ -209,7 +209,7 @@ _LEAST_TEXTURED = 1 / 4  # least share of the cells that have texture
 _FITS = 5  # number of fits, each with the weights that follow from the fit before
 _LEAST_SPREAD = 0.15  # px; errors of the flow of this size do not lower a weight
 _LEAST_MOTION_PX = 0.25  # of a reduced frame; less motion in an interval is left in the picture
-# At least half of the cells with texture must change by less than this share of their change.
+# In at least half of the cells with texture, the motion must leave less than 0.8 of the change.
 _LEFT, _LEAST_EXPLAINED = 0.8, 1 / 2
 _MOST_FRAMES = 16  # frames per interval; at higher frame rates the view is compared sooner
 

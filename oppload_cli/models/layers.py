@@ -69,7 +69,7 @@ class Photoreceptors:
 
     P(t) compares a frame with the youngest frame that is at least an interval old. If the age of
     the next younger frame is nearly an interval, and much closer to an interval, P(t) compares with
-    that frame instead (``docs/time.md``). Its time is the meaning of "one interval ago".
+    that frame instead (``docs/time.md``). The time of this frame counts as one interval ago.
 
     Parameters
     ----------

@@ -129,11 +129,10 @@ class Opplod(Detector):
         self, shape: tuple[int, int], params: OpplodParams | None = None, **others: Any
     ) -> None:
         super().__init__(shape, params, **others)
-        own, clock, layers = self.params, self.layers.clock, self.layers
-        light = own.light_s * clock.per_second
+        own, layers, clock = self.params, self.layers, self.layers.clock
         self._filters: list[SteadyLight | NoiseFilter] = []
-        if light:
-            self._filters.append(SteadyLight(light))
+        if own.light_s:
+            self._filters.append(SteadyLight(own.light_s * clock.per_second))
         if own.residual_noise:
             self._filters.append(NoiseFilter(own.residual_noise))
         self._view = SteadyView() if own.steady_view else None

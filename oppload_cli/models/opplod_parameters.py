@@ -238,16 +238,12 @@ class OpplodParams(DpcParams):
             self._check_pixelwise()
 
     def _check_pixelwise(self) -> None:
+        zeros = (
+            *("border", "entering", "pool_sigma", "periphery", "halved_weight", "persistence"),
+            *("sudden", "history", "adaptation_level", "light_s", "residual_noise"),
+        )
         literal: dict[str, object] = {"cell": 1, "cone": 90, "compression": 1, "stride": 1}
-        literal |= dict.fromkeys(("border", "entering", "pool_sigma", "periphery"), 0)
-        literal |= dict.fromkeys(("halved_weight", "persistence", "sudden", "history"), 0)
-        literal |= {
-            "adaptation_level": 0,
-            "light_s": 0,
-            "residual_noise": 0,
-            "steady_view": False,
-            "interpolated": "none",
-        }
+        literal |= {**dict.fromkeys(zeros, 0), "steady_view": False, "interpolated": "none"}
         for name, value in literal.items():
             if getattr(self, name) != value:
                 raise ParameterError(

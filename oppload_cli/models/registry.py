@@ -119,8 +119,8 @@ def register(detector: type[Detector]) -> type[Detector]:
             f"{where}: its parameters, {detector.parameters.__name__}, are those of another "
             f"detector; give it a class of its own"
         )
-    taken = {column.name for column in (*COMMON, *RMO)}.union(*map(_columns_of, others))
-    for column in _columns_of(detector):
+    taken = {column.name for column in (*COMMON, *RMO)}.union(*map(_column_names, others))
+    for column in _column_names(detector):
         if column in taken:
             raise ParameterError(f"{where}: its column '{column}' is taken; choose another name")
         taken.add(column)
@@ -399,7 +399,7 @@ def is_rounding_error(response: float, floor: float) -> bool:
     return response < 1e-6 * floor
 
 
-def _columns_of(detector: type[Detector]) -> tuple[str, ...]:
+def _column_names(detector: type[Detector]) -> tuple[str, ...]:
     return tuple(each.name for each in columns_of(detector, details=True, degrees=True))
 
 

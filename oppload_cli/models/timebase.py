@@ -21,8 +21,8 @@ FRAME = "frame"
 _REFERENCE_S = Fraction(REFERENCE_INTERVAL)
 _SHORTEST_S, _LONGEST_S = Fraction("0.0001"), Fraction(10)  # exact, as the values are
 NEARLY_ONE = 0.03  # tolerance: times in files are rounded, often to milliseconds
-# Spans of time such as 0.4 s are often a whole number of frames. Then the rounding of the times
-# must not decide whether a frame is within the span: it is if it is beyond by at most this.
+# Spans of time such as 0.4 s are often a whole number of frames. So that the rounding of the times
+# does not decide, a frame counts as within the span if it is beyond its end by at most this.
 ROUNDING_S = 1.7e-3
 _MOST_VALUES = 1 << 14  # largest number of values of a background, if the times do not grow
 

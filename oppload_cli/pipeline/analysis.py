@@ -111,7 +111,12 @@ class Analysis:
         time: TimeParams | None = None,
         fov: float | None = None,
     ) -> None:
-        rows, columns = _checked_shape(shape)
+        rows, columns = checked_shape(shape)
+        if too_large(columns, rows):
+            raise ParameterError(
+                f"shape must have at most {max_pixels()} pixels, not {rows} x {columns}; give "
+                f"smaller frames, or set {MAX_PIXELS} higher"
+            )
         chosen = pass_params(
             params, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
         )
@@ -228,17 +233,6 @@ class Analysis:
             "an Analysis cannot be copied or pickled; make another one with the same arguments, "
             "also in another process"
         )
-
-
-def _checked_shape(shape: object) -> tuple[int, int]:
-    """Return height and width in pixels; raise a ParameterError if they are too large."""
-    rows, columns = checked_shape(shape)
-    if too_large(columns, rows):
-        raise ParameterError(
-            f"shape must have at most {max_pixels()} pixels, not {rows} x {columns}; give smaller "
-            f"frames, or set {MAX_PIXELS} higher"
-        )
-    return rows, columns
 
 
 def _check_kind(name: str, value: object, kind: type | UnionType, give: str) -> None:

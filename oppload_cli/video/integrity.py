@@ -248,7 +248,7 @@ def _av1(reading: _Reading) -> str | None:
     """Go through the units (OBUs) of AV1, each of which has a length."""
     position = kind = 0
     while head := reading.at(position, 10):
-        if head[0] & 0x83 not in {0x02}:
+        if head[0] & 0x83 != 0x02:
             return None  # units without lengths, or with reserved bits, cannot be checked
         start = 2 if head[0] & 4 else 1
         length = shift = 0

@@ -287,7 +287,7 @@ def test_the_beginning_of_a_video_gives_the_same_alarms(preset: str) -> None:
 @pytest.mark.parametrize("lost", [5, 6, 9, 12])
 def test_lost_frames_in_noise_are_no_cut(lost: int) -> None:
     """The change over a gap is per interval, and so small: the next one must not pass for a cut."""
-    cuts = Cuts()
+    cuts = Cuts(AlarmParams())
     for t in range(-20, 0):
         cuts.step(*changed(0.005, 1.0), t / 30)
     after = (lost + 1) / 30

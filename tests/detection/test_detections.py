@@ -112,7 +112,7 @@ def seen(identity: int, response: float, left: float | None = None) -> Detection
 
 
 def test_an_alarm_that_ends_leaves_nothing_to_the_next_one() -> None:
-    detections = Detections(TWICE)
+    detections = Detections(TWICE, PLACES)
     one, other = seen(1, 0.5), seen(2, 0.4)
 
     def on(*found: Detection, alarm: bool) -> list[int]:
@@ -133,7 +133,7 @@ def test_a_time_to_contact_that_has_passed_is_none() -> None:
 
 def test_a_box_ends_at_the_right_and_the_lower_edge_of_a_wide_frame() -> None:
     answer = Response(1.0, Box(30, 20, 20, 30))
-    [found] = Detections(WorkingSize(40, 30, 3.0, 2.0)).of_box(answer)
+    [found] = Detections(WorkingSize(40, 30, 3.0, 2.0), PLACES).of_box(answer)
     assert [*found.box] == [90, 40, 30, 20]
     assert (found.centre_x, found.centre_y) == (120, 70)
 

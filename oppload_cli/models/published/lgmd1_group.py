@@ -262,10 +262,10 @@ class Plgmd(_Persistent):
         g, _ = grouped(s, 4, _LEAST_SCALE, ZERO)
         return float(g[(_DECAY * g >= _THRESHOLD) & masks[2]].sum(dtype=np.float64))
 
-    def _inhibition(self, q: Plane, masks: Mask) -> Plane:
+    def _inhibition(self, before: Plane, masks: Mask) -> Plane:
         """Return the sum of the 8 taps on Q(t-1), each with a mask of its own."""
         height, width = self.shape
-        nearest = np.pad(np.asarray(q, np.float32) / 4, 1)
+        nearest = np.pad(np.asarray(before, np.float32) / 4, 1)
         diagonal = nearest / 2
         out = np.zeros(self.shape, np.float32)
         for (y, x), mask in zip(_TAPS, masks.view(np.uint8), strict=True):
