@@ -219,7 +219,7 @@ class Result(reading.BaseResult):
             return outputs.csv
         with table as file:
             rows = Table(file.stream, self.frames.columns)
-            for row in _plain(self.frames):
+            for row in _rows_of(self.frames):
                 rows.write(row)
             file.stream.flush()
             # As in a run, the old table is removed first, and the new table gets its name last.
@@ -228,7 +228,7 @@ class Result(reading.BaseResult):
                 write_atomic(truth_path, json.dumps(truth) + "\n")
                 sidecar["stimulus"] = facts_of_truth(truth_path, truth)
             if outputs.detections is not None:
-                lines = [detection_line(row) for row in _plain(self.detections)]
+                lines = [detection_line(row) for row in _rows_of(self.detections)]
                 write_atomic(outputs.detections, "".join(lines))
             sidecar.pop("schema", None)
             write_sidecar(outputs.sidecar, sidecar)
@@ -371,7 +371,7 @@ def _detections(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     return table.astype(kinds if rows else kinds | _NOT_FLOATS)
 
 
-def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
+def _rows_of(table: pd.DataFrame) -> list[dict[str, Any]]:
     return cast(
         "list[dict[str, Any]]", table.astype(object).where(table.notna(), None).to_dict("records")
     )

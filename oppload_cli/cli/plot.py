@@ -130,7 +130,7 @@ def plot(
     chosen["models"] = options.names_in(chosen["models"])
     options.check_models(chosen["models"], "plot")
     for model in chosen["models"]:
-        detector_named(model)
+        detector_named(model)  # refuses NAME:PRESET too
     if show:
         check_display()
     paths = [table for _, table in tables_in(results)]

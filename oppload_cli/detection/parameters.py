@@ -142,7 +142,7 @@ class AlarmParams(Parameters):
     def __reduce__(self) -> tuple[object, ...]:
         # The class with the floors is made at run time, so that another process must make its own.
         names = tuple(name.removesuffix("_floor") for name in self.names() if "_floor" in name)
-        return _restored, (names, self.as_dict())
+        return _with_floors, (names, self.as_dict())
 
 
 # Presets under which alarms have other parameters than under preset default.
@@ -185,7 +185,7 @@ def alarm_params_with(names: Sequence[str], preset: str, **values: float) -> Ala
     floors = {f"{name}_floor": alarm_floor_of(name, preset) for name in names}
     on = not preset_named(preset).no_alarm
     given = {"on": on, **floors, **_ALARMS.get(preset, {}), **values}
-    return _restored(tuple(names), given)
+    return _with_floors(tuple(names), given)
 
 
 @cache  # by classes, not by names: a notebook may define a detector again under the same name
@@ -207,7 +207,7 @@ def _alarm_class(kinds: tuple[type[Detector], ...]) -> type[AlarmParams]:
     return make_dataclass("AlarmParams", floors, bases=(AlarmParams,), frozen=True, kw_only=True)
 
 
-def _restored(names: tuple[str, ...], values: dict[str, float]) -> AlarmParams:
+def _with_floors(names: tuple[str, ...], values: dict[str, float]) -> AlarmParams:
     kinds = tuple(map(detector_named, names))
     return (_alarm_class(kinds) if kinds else AlarmParams)(**values)  # type: ignore[arg-type]
 

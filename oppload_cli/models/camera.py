@@ -79,10 +79,10 @@ class SteadyLight:
         self._before: Map | None = None
         self._gains: Map | None = None  # the logarithm of the gain of each row of cells
 
-    def step(self, luma: Map, elapsed: float) -> Map:
+    def step(self, luma: Map, usual_step: float) -> Map:
         """Return the next frame without the changes of its light.
 
-        `elapsed` is the usual number of intervals from one frame to the next. The result has
+        `usual_step` is the usual number of intervals from one frame to the next. The result has
         luminance up to 2; if the light is steady it is `luma` itself.
         """
         cells = smaller(luma, _CELL)
@@ -90,7 +90,7 @@ class SteadyLight:
         if before is None or self._gains is None:
             self._gains = np.zeros((len(cells), 1), np.float32)
             return luma
-        self._gains *= np.float32(math.exp(-elapsed / self._lasting))
+        self._gains *= np.float32(math.exp(-usual_step / self._lasting))
         self._gains += change_of_light(before, cells)
         np.clip(self._gains, -_MOST_GAIN, _MOST_GAIN, out=self._gains)
         if np.abs(self._gains).max() < _LEAST_CHANGE:
@@ -174,8 +174,8 @@ class NoiseFilter:
         self._measured = 0
         self._variance = 0.0
 
-    def step(self, luma: Map, elapsed: float) -> Map:
-        """Return the next frame, blurred; `elapsed` is as for :class:`SteadyLight`.
+    def step(self, luma: Map, usual_step: float) -> Map:
+        """Return the next frame, blurred; `usual_step` is as for :class:`SteadyLight`.
 
         A frame with little noise is returned itself.
         """
@@ -184,17 +184,17 @@ class NoiseFilter:
             change_before, self._change = self._change, self._fine - before
             if change_before is not None:
                 products = -self._change * change_before
-                self._measure(smaller(products, _NOISE_CELL), elapsed)
+                self._measure(smaller(products, _NOISE_CELL), usual_step)
         blur = math.sqrt(self._variance / (4 * math.pi)) / self._residual
         if blur < _LEAST_BLUR:
             return luma
         return np.asarray(cv2.GaussianBlur(luma, (0, 0), min(blur, _MOST_BLUR)), np.float32)
 
-    def _measure(self, variances: Map, elapsed: float) -> None:
+    def _measure(self, variances: Map, usual_step: float) -> None:
         """Average the variance of the noise, given by cells, over time."""
         variance = max(0.0, _quantile(variances, _STEADIEST))
         self._measured += 1
-        share = max(1 / self._measured, min(1.0, elapsed / _NOISE_LASTS))
+        share = max(1 / self._measured, min(1.0, usual_step / _NOISE_LASTS))
         self._variance += share * (variance - self._variance)
 
 
@@ -233,10 +233,10 @@ class SteadyView:
         """Forget all frames."""
         self._latest: deque[tuple[Grey, Motion]] = deque(maxlen=_MOST_FRAMES)
 
-    def step(self, luma: Map, elapsed: float) -> Motion:
+    def step(self, luma: Map, usual_step: float) -> Motion:
         """Take the next frame; return the motion of the view from the first frame to this one.
 
-        `elapsed` is as for :class:`SteadyLight`. The result turns the place of a pixel of this
+        `usual_step` is as for :class:`SteadyLight`. The result turns the place of a pixel of this
         frame into its place in the first one.
         """
         reduction = max(1, round(min(luma.shape) / _FLOW_SIDE))
@@ -244,7 +244,7 @@ class SteadyView:
         now = grey_levels(small, small.shape)
         view: Motion = np.eye(3)
         if self._latest:
-            before, view = self._latest[-min(len(self._latest), max(1, round(1 / elapsed)))]
+            before, view = self._latest[-min(len(self._latest), max(1, round(1 / usual_step)))]
             if (motion := view_motion(before, now)) is not None:
                 view = view @ reduced(motion, 1 / reduction)
         self._latest.append((now, view))
@@ -397,8 +397,8 @@ class Bars:
         self._candidates = [0, 0, 0, 0]
         self._lasted = [0.0, 0.0, 0.0, 0.0]
 
-    def step(self, luma: Map, elapsed: float) -> None:
-        """Take the next frame; `elapsed` as for :class:`SteadyLight`."""
+    def step(self, luma: Map, usual_step: float) -> None:
+        """Take the next frame; `usual_step` as for :class:`SteadyLight`."""
         widths = list(self.widths)
         for n, side in enumerate(_SIDES):
             width, edge = _plain_strip(side(luma).T)
@@ -409,7 +409,7 @@ class Bars:
             if abs(width - self._candidates[n]) > 1 or not edge:
                 self._candidates[n], self._lasted[n] = width, 0.0
                 continue
-            self._lasted[n] += elapsed
+            self._lasted[n] += usual_step
             if self._lasted[n] >= _LASTING:
                 widths[n] = self._candidates[n]
         self.widths = Widths(*widths)

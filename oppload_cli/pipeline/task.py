@@ -229,7 +229,7 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
         yield f"at --height {content['height'] or NATIVE}, not {settings.height or NATIVE}"
     if settings.measure_rmo != content["measure_rmo"]:
         yield f"with{'' if content['measure_rmo'] else 'out'} radial motion opponency"
-    if _plain(asdict(task.span)) != content["span"]:
+    if _through_json(asdict(task.span)) != content["span"]:
         yield "of another part of the input: see --start, --end and --duration"
     others = list(_other_parameters(settings, content))
     if others and settings.preset != content["preset"]:  # clearer than the name of a parameter
@@ -262,7 +262,7 @@ def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[s
     idle = {f"{name}_floor" for name in known_names() if name not in settings.models}
     for group in groups:
         existing = content["parameters"].get(group, {})
-        for name, value in _plain(resolved[group].as_dict()).items():
+        for name, value in _through_json(resolved[group].as_dict()).items():
             if name not in idle and existing.get(name) != value:
                 yield f"with {group}.{name} = {existing.get(name)}, not {value}"
 
@@ -272,7 +272,7 @@ def _fov(degrees: float | None) -> str:
     return "no --fov" if degrees is None else f"--fov {round(degrees, 9):.12g}"
 
 
-def _plain(value: Any) -> Any:
+def _through_json(value: Any) -> Any:
     """Return a value in the types that it has after it was written to JSON and read again."""
     return json.loads(json.dumps(value, default=str))
 
