@@ -25,7 +25,7 @@ from benchmarks import decoding, references
 from oppload_cli.environment import environment
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams, group, threshold
-from oppload_cli.models.layers import Dpc
+from oppload_cli.models.layers import Layers
 from oppload_cli.models.opposing_motion import PooledJudgement
 from oppload_cli.models.registry import default_names, parameters_of
 from oppload_cli.motion.flow import DenseFlow
@@ -223,7 +223,7 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
     frames = _luminance(427, 240, 60)
     opplod = parameters_of("opplod", "reference").resolved(240)
     shape, dlgmd = (240, 427), DlgmdParams()
-    dpc = Dpc(shape, opplod, opplod.both_axes)
+    dpc = Layers(shape).dpc(opplod, opplod.both_axes).layer
     judgement, grouped, flow = (
         PooledJudgement(shape, opplod),
         np.zeros(shape, np.float32),

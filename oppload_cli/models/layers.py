@@ -272,15 +272,13 @@ class Dpc:
 
     Parameters
     ----------
-    shape : tuple of int
-        Height and width of the working frames, each at least 1.
     params : DpcParams
         The DPC constants.
     axes : tuple of int
         Axes of the pathways, as directions phi in degrees: none, (45, 135) or (0, 90). Each axis
         has the pathways phi and phi + 180.
-    photoreceptors : SharedLayer of Photoreceptors, optional
-        Shared photoreceptors; if left out, the object makes new ones.
+    photoreceptors : SharedLayer of Photoreceptors
+        Access to the photoreceptors of the working frames.
 
     Attributes
     ----------
@@ -292,15 +290,13 @@ class Dpc:
 
     def __init__(
         self,
-        shape: tuple[int, int],
         params: DpcParams,
-        axes: tuple[int, ...] = (),
-        photoreceptors: SharedLayer[Photoreceptors] | None = None,
+        axes: tuple[int, ...],
+        photoreceptors: SharedLayer[Photoreceptors],
     ) -> None:
-        self._photoreceptors = photoreceptors or SharedLayer(Photoreceptors(shape))
-        self._shape, self.axes = shape, axes
+        self._photoreceptors, self.axes = photoreceptors, axes
         self.kernels = Kernels.of(params, axes)
-        self.sums = PresynapticSums.zeros(shape, axes)
+        self.sums = PresynapticSums.zeros(self.photoreceptors.shape, axes)
 
     @property
     def photoreceptors(self) -> Photoreceptors:
@@ -331,7 +327,7 @@ class Dpc:
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._photoreceptors.reset()
-        self.sums = PresynapticSums.zeros(self._shape, self.axes)
+        self.sums = PresynapticSums.zeros(self.photoreceptors.shape, self.axes)
 
     def step(self, luma: Map) -> bool:
         """Take the next frame; arguments, result and errors as `Photoreceptors.step`."""
@@ -432,7 +428,7 @@ class Layers:
         for dpc in dpcs:
             if axes in {(), dpc.axes}:
                 return SharedLayer(dpc)
-        dpcs.append(Dpc(self.shape, constants, axes, self.photoreceptors(stride)))
+        dpcs.append(Dpc(constants, axes, self.photoreceptors(stride)))
         return SharedLayer(dpcs[-1])
 
     def other(self, key: Hashable, make: Callable[[], _AnyLayer]) -> SharedLayer[_AnyLayer]:

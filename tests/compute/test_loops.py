@@ -18,7 +18,7 @@ import pytest
 from oppload_cli.compute import loops
 from oppload_cli.models.dlgmd import group
 from oppload_cli.models.dpc import DpcParams
-from oppload_cli.models.layers import Dpc
+from oppload_cli.models.layers import Layers
 from tests.arithmetic import many_bands
 from tests.cli.inside import oppload
 from tests.cli.process import python
@@ -115,7 +115,7 @@ def test_the_baseline_build_agrees_with_the_wide_one(builds: Path) -> None:
     for name in ("baseline", "wide"):
         build(builds, name)
         loops._loaded.cache_clear()
-        dpc = Dpc((40, 61), DpcParams(), (45, 135))
+        dpc = Layers((40, 61)).dpc(DpcParams(), (45, 135)).layer
         for frame in frames:
             dpc.step(frame)
         maps.append(np.stack([dpc.sums.presynaptic, *dpc.sums.pathways.values()]))

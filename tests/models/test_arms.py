@@ -18,7 +18,7 @@ from oppload_cli.models.arms import (
     smoothing,
 )
 from oppload_cli.models.dpc import DpcParams, Kernels
-from oppload_cli.models.layers import Dpc
+from oppload_cli.models.layers import Dpc, Layers
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.results.table import columns_for
@@ -105,7 +105,7 @@ def test_its_parameters() -> None:
 
 def test_motion_that_is_not_graded_is_the_largest_s_of_the_four_pathways() -> None:
     params = PARAMS.replaced(graded=False, history=0).resolved(96)
-    dpc = Dpc((96, 96), params, (0, 90))
+    dpc = Layers((96, 96)).dpc(params, (0, 90)).layer
     for t in range(4):
         dpc.step(edge(30, 2.0 * t))
     amount, parts = ArmsJudgement((96, 96), params).pooled(dpc)

@@ -35,7 +35,7 @@ def random_frames(shape: tuple[int, int], count: int = 5) -> list[Luma]:
 
 def stepped(frames: list[Luma], axes: tuple[int, ...] = (45, 135)) -> Dpc:
     height, width = frames[0].shape
-    dpc = Dpc((height, width), DpcParams(), axes)
+    dpc = Layers((height, width)).dpc(DpcParams(), axes).layer
     for frame in frames:
         dpc.step(frame)
     return dpc
@@ -138,7 +138,7 @@ def test_s_is_exactly_0_beside_a_change(levels: int) -> None:
     codes = np.random.default_rng(4).integers(0, levels + 1, (5, 30, 70))
     codes[:4] //= 100  # so that inhibition is weak in the last frame
     codes[2:, :, 20:50] = codes[2, :, 20:50]
-    dpc = Dpc((30, 70), DpcParams(kernel_radius=20, sigma_inhibition=12.0), (0, 90))
+    dpc = Layers((30, 70)).dpc(DpcParams(kernel_radius=20, sigma_inhibition=12.0), (0, 90)).layer
     for each in codes:
         dpc.step((each / levels).astype(np.float32))
     for values in all_of(dpc.sums):
@@ -155,7 +155,7 @@ def test_s_returns_to_0_where_the_motion_has_passed() -> None:
         shifted = np.roll(codes, 3 * t, axis=1)
         shifted[10 : 20 + t, 5 * t : 5 * t + 30] = 219 * (t % 3) // 2
         frames.append((shifted / 219).astype(np.float32))
-    dpc = Dpc(shape, DpcParams(), (45, 135))
+    dpc = Layers(shape).dpc(DpcParams(), (45, 135)).layer
     for t, frame in enumerate(frames):
         if dpc.step(frame):
             p = reference.photoreceptors(frames[: t + 1])
@@ -168,7 +168,7 @@ def test_s_returns_to_0_where_the_motion_has_passed() -> None:
 
 
 def test_warm_up_is_three_frames() -> None:
-    dpc = Dpc((9, 9), DpcParams())
+    dpc = Layers((9, 9)).dpc(DpcParams()).layer
     assert [dpc.step(frame) for frame in random_frames((9, 9))] == [False, False, False, True, True]
 
 
@@ -235,12 +235,12 @@ def test_a_refused_frame_changes_nothing(stride: int) -> None:
 )
 def test_a_wrong_array_is_refused(frame: Luma) -> None:
     with pytest.raises(FrameError, match="float32 array of shape"):
-        Dpc((9, 9), DpcParams()).step(frame)
+        Layers((9, 9)).dpc(DpcParams()).layer.step(frame)
 
 
 def test_luminance_of_8_bits_is_refused() -> None:
     """Every response would be 255 times too large, and the first frame would cause an alarm."""
-    dpc = Dpc((9, 9), DpcParams())
+    dpc = Layers((9, 9)).dpc(DpcParams()).layer
     for black in range(3):
         with pytest.raises(FrameError, match="L must be 0 to 1: divide 8-bit values by 255"):
             dpc.step(np.full((9, 9), 200, np.float32))
@@ -251,7 +251,7 @@ def test_luminance_of_8_bits_is_refused() -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_luminance_that_is_not_finite_is_refused(value: float) -> None:
-    dpc = Dpc((9, 9), DpcParams())
+    dpc = Layers((9, 9)).dpc(DpcParams()).layer
     dpc.step(np.zeros((9, 9), np.float32))
     with pytest.raises(FrameError, match="not finite"):
         dpc.step(np.full((9, 9), value, np.float32))

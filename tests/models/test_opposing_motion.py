@@ -9,7 +9,7 @@ from oppload_cli.models import opposing_motion
 from oppload_cli.models.camera import NO_BARS, Widths
 from oppload_cli.models.detector import Box
 from oppload_cli.models.dpc import DpcParams
-from oppload_cli.models.layers import Dpc
+from oppload_cli.models.layers import Dpc, Layers
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import (
     PooledJudgement,
@@ -31,7 +31,7 @@ def layers(pathways: dict[int, np.ndarray]) -> Dpc:
     """Layers over frames that change everywhere, with these S_phi."""
     axes = sorted(pathways)[:2]
     shape = pathways[axes[0]].shape
-    dpc = Dpc((shape[0], shape[1]), DpcParams(), (axes[0], axes[1]))
+    dpc = Layers((shape[0], shape[1])).dpc(DpcParams(), (axes[0], axes[1])).layer
     for frame in np.random.default_rng(1).random((4, *shape), dtype=np.float32):
         dpc.step(frame)
     for phi, values in pathways.items():
@@ -193,7 +193,7 @@ def test_a_bar_is_left_out_at_its_own_side(
 def test_motion_at_the_edge_of_the_picture_is_left_out_at_half_the_size() -> None:
     """A bar of 12 px and 8 px beside it are 6 px and 4 px there."""
     params = REFERENCE.replaced(receptive_field=30, cell=5, border=2, entering=8)
-    half = Dpc((20, 30), DpcParams(), (45, 135))
+    half = Layers((20, 30)).dpc(DpcParams(), (45, 135)).layer
     for t in range(4):  # all pixels change
         half.step(np.full((20, 30), t % 2, np.float32))
     for s in half.sums.pathways.values():
@@ -228,7 +228,7 @@ def test_strips_at_the_edge_are_smaller_at_half_the_size(
 def test_motion_without_history_has_no_pathways() -> None:
     """The left half rests until the latest frame; 6 cells from the right half there is none."""
     params = REFERENCE.replaced(receptive_field=9, cell=1, pool_sigma=0.0)
-    dpc = Dpc((20, 40), DpcParams(), (45, 135))
+    dpc = Layers((20, 40)).dpc(DpcParams(), (45, 135)).layer
     for t, frame in enumerate(np.random.default_rng(1).random((4, 20, 40), dtype=np.float32)):
         if t < 3:
             frame[:, :20] = 0.5
@@ -312,7 +312,7 @@ def test_persistence_keeps_a_share_of_r_from_frame_to_frame() -> None:
         factor = 1e-3 / np.median(before) if before else 1
         assert adapted.judge(maps).opponency == pytest.approx(factor * expected.max(), rel=1e-5)
         before.append(float(expected.max()))
-    rest = Dpc(SHAPE, DpcParams(), (45, 135))  # no frames are compared: begin again
+    rest = Layers(SHAPE).dpc(DpcParams(), (45, 135)).layer  # no frames are compared: begin again
     assert kept.judge(rest).opponency == 0
     assert kept.judge(maps).opponency == pytest.approx(0.25 * plain.judge(maps).opponency, rel=1e-5)
     kept.reset()
@@ -361,7 +361,7 @@ def test_a_scene_at_rest_is_no_background(change: float, counts: bool) -> None:
         receptive_field=30, cell=5, history=0, adaptation_level=1e-6, adaptation_guard_s=0
     )
     judgement = PooledJudgement(SHAPE, params)
-    dpc = Dpc(SHAPE, DpcParams(), (45, 135))
+    dpc = Layers(SHAPE).dpc(DpcParams(), (45, 135)).layer
     values = np.random.default_rng(1).random((4, *SHAPE), dtype=np.float32)
     found = []
     for t in range(6):
@@ -389,6 +389,6 @@ def test_the_opponency_at_half_the_size_is_added() -> None:
     # Without motion at the full size that has lasted long enough, what is kept stays.
     kept = PooledJudgement(SHAPE, params.replaced(persistence=0.75))
     assert kept.judge(maps, half).opponency == pytest.approx(0.25 * judged)
-    rest = Dpc(SHAPE, DpcParams(), (45, 135))
+    rest = Layers(SHAPE).dpc(DpcParams(), (45, 135)).layer
     expected = 0.75 * 0.25 * (r + 0.5 * other)[0] + 0.25 * 0.5 * other[0]
     assert kept.judge(rest, half).opponency == pytest.approx(expected.max())

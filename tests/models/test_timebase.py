@@ -15,7 +15,7 @@ from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import DpcParams, excitation, referred
-from oppload_cli.models.layers import Dpc, Layers, Photoreceptors
+from oppload_cli.models.layers import Layers, Photoreceptors
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import PooledJudgement, has_history
 from oppload_cli.models.timebase import Clock, TimeParams, nearly_one, time_params
@@ -247,7 +247,7 @@ def edge_sums(speed: float) -> tuple[float, float]:
     """E and S of the passing pathway, per pixel of an edge's length, over phases of a pixel."""
     found = []
     for phase in np.arange(8) / 8:
-        dpc = Dpc((40, 160), DpcParams(), (0, 90))
+        dpc = Layers((40, 160)).dpc(DpcParams(), (0, 90)).layer
         for t in range(4):
             dpc.step(edge_at(40 + phase + speed * t))
         e = excitation(dpc.photoreceptors.maps, dpc.kernels)
