@@ -71,8 +71,8 @@ def run_tasks(
     observer: _Observer,
     *,
     inputs: int,
-    jobs: int = 0,
-    scheduler: str | None = None,
+    jobs: int,
+    scheduler: str | None,
 ) -> None:
     """Run the tasks of a batch.
 
@@ -87,7 +87,7 @@ def run_tasks(
     jobs : int
         Number of processes, each of which runs a task at a time. With one job, this process runs
         the tasks.
-    scheduler : str, optional
+    scheduler : str or None
         The cluster that runs the tasks instead: the scheduler's address such as
         ``tcp://host:8786``, or its scheduler file.
 

@@ -144,7 +144,7 @@ class DetectorBank:
                     each.separate()
         self._separated = True
 
-    def see(self, luma: Map, time_s: float | None = None) -> None:
+    def see(self, luma: Map, time_s: float | None) -> None:
         """Take the next frame for `photoreceptors` and `luma_change`; `respond` must follow."""
         self._layers.clock.time_s = time_s
         self._photoreceptors.step(luma)

@@ -110,7 +110,7 @@ def collected(
     source: DecodedSource,
     settings: Settings,
     keep: Callable[[FrameRecord], object],
-    stimulus: dict[str, Any] | None = None,
+    stimulus: dict[str, Any] | None,
 ) -> tuple[list[str], dict[str, Any]]:
     """Analyse an open source without writing files; the source is not closed.
 

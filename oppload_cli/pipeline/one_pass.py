@@ -154,7 +154,6 @@ class DetectorPass:
         if repeat.held and self._latest is not None:
             return _held(self._latest, prepared)
         blind = "" if repeat.passed_over else self._see(prepared.frame, repeat)
-        change = 0.0 if repeat.kind else self._bank.luma_change
         responses = self._responses(prepared)
         found, alarms = self._judged(responses, prepared.frame, repeat, blind)
         thresholds = {name: alarm.threshold for name, alarm in self._alarms.items()}
@@ -164,22 +163,21 @@ class DetectorPass:
             )
             for name, each in found.items()
         }
-        record = FrameRecord(
-            prepared.frame.index,
-            time_s,
-            change,
-            {name: _in_source(each, self._working) for name, each in responses.items()},
-            alarms,
-            prepared.opponency,
-            repeat.kind,
-            thresholds,
-            next(iter(found.values()), ()),
-            {name: each[0] if each else None for name, each in found.items()},
-            blind,
-            {name: self._alarms[name].evidence for name, each in responses.items() if each},
+        self._latest = FrameRecord(
+            frame=prepared.frame.index,
+            time_s=time_s,
+            luma_change=0.0 if repeat.kind else self._bank.luma_change,
+            responses={name: _in_source(each, self._working) for name, each in responses.items()},
+            alarms=alarms,
+            rmo=prepared.opponency,
+            repeat=repeat.kind,
+            thresholds=thresholds,
+            detections=next(iter(found.values()), ()),
+            objects={name: each[0] if each else None for name, each in found.items()},
+            blind=blind,
+            evidence={n: self._alarms[n].evidence for n, each in responses.items() if each},
         )
-        self._latest = record
-        return record
+        return self._latest
 
     def _see(self, frame: Frame, repeat: Repeat) -> str:
         """Show the detectors a frame, after all pictures before it that they have not seen.

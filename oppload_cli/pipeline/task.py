@@ -303,7 +303,7 @@ class Writing:
         columns: Sequence[str],
         models: Sequence[str],
         *,
-        boxes: str = "alarm",
+        boxes: str,
     ) -> None:
         self._outputs, self._file = outputs, table
         self.part = table.part

@@ -10,7 +10,7 @@ from fractions import Fraction
 from statistics import fmean, median, median_low
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from oppload_cli.errors import ParameterError, SourceError
+from oppload_cli.errors import ParameterError, SourceError, counted
 from oppload_cli.schema import is_integer
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ class FrameTimes:
     `rate` is the number of frames per second that the input declares. Source: ``docs/time.md``.
     """
 
-    def __init__(self, rate: float | Fraction | None = None) -> None:
+    def __init__(self, rate: float | Fraction | None) -> None:
         self._declared = float(rate) if rate and 0 < rate < math.inf else None
         self._steps: list[float] = []
         self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
@@ -262,11 +262,11 @@ class FrameTimes:
         """Return remarks about the times, a sentence each."""
         remarks = []
         if self.wrong:
-            frames, have = ("frame", "has") if self.wrong == 1 else ("frames", "have")
+            have = "has" if self.wrong == 1 else "have"
             remarks.append(
-                f"{self.wrong} {frames} {have} a time that is not later than that of the frame "
-                f"before (the earliest is {self._first_wrong} after the first frame); each is "
-                "taken one usual step after the frame before, and the clock goes on from there"
+                f"{counted(self.wrong, 'frame')} {have} a time that is not later than that of the "
+                f"frame before (the earliest is {self._first_wrong} after the first frame); each "
+                "is taken one usual step after the frame before, and the clock goes on from there"
             )
         rate = self.rate
         if rate is None:

@@ -279,7 +279,7 @@ def open_writer(
     shape: tuple[int, int, int],
     frame_rate: Fraction,
     *,
-    new: bool = False,
+    new: bool,
 ) -> Iterator[Callable[[Grey], object]]:
     """Write a grey video: it gets its name after the last frame; after an error it is removed.
 
