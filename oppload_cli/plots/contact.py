@@ -56,8 +56,8 @@ class PeakTimes(NamedTuple):
         low, high = self.angle_limits_deg
         delay, error = round(1000 * self.delay_s), 1000 * self.delay_error_s
         return (
-            f"slope {self.slope:.2f} ± {self.slope_error:.2f} ({self.angle_deg:.0f} deg, {low:.0f} "
-            f"to {high:.0f}), delay {delay} ± {error:.0f} ms"
+            f"slope {self.slope:z.2f} ± {self.slope_error:.2f} ({self.angle_deg:.0f} deg, "
+            f"{low:.0f} to {high:.0f}), delay {delay} ± {error:.0f} ms"
         )
 
     def error_s(self, l_over_v_s: Series) -> Series:
