@@ -189,7 +189,9 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     labels = (style.described(right), style.described(up))
     # Without the room for each line of the title, the panel would be drawn over the foot.
     above = 0.25 + 0.14 * style.wrapped(request.title, style.TITLE_WIDTH).count("\n")
-    with _panels(len(curves), labels, 0.85, above) as (figure, axes):
+    places = (np.unique(tuning.rows[name].to_numpy(float)) for name in (right, up))
+    wide, high = (float(np.ptp(style.edges_of(each))) for each in places)
+    with _panels(len(curves), labels, 0.85 * max(1.0, high / wide), above) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             cells, _ = curve.over_largest(right, up)
             x, y, share = (part.to_numpy(float) for part in (cells.columns, cells.index, cells))
@@ -255,7 +257,7 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
     with _panels(len(curves), labels, 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             both, one = (
-                dict(sorted(zip(some[axis].astype(float), some["peak"].astype(float), strict=True)))
+                dict(sorted(zip(_turns(some[axis]), some["peak"].astype(float), strict=True)))
                 for some in (curve.rows[curve.rows[sides] == side] for side in ("both", "forward"))
             )
             largest = max(*both.values(), *one.values())
@@ -311,6 +313,11 @@ def _both_over_one(both: Mapping[float, float], one: Mapping[float, float]) -> s
         return "not known: no response"
     least, most = _ratio(min(ratios)), _ratio(max(ratios))
     return least if least == most else f"{least} to {most}"
+
+
+def _turns(axes: pd.Series[float]) -> pd.Series[float]:
+    """Return axes in degrees from 0 to 360, so that opposite ones are found; 360 becomes 0."""
+    return axes.astype(float).round(6) % 360
 
 
 def _opposite(axis: float) -> float:

@@ -208,6 +208,8 @@ def draw_curves(
     notes += _alarm_notes(curves, options)
     if scale != options.scale:
         notes.append("divided by the peak: no alarm threshold")
+    if scale == "raw":
+        style.number_in_full(axes)
     axes.margins(x=0.01)
     largest = max(float(np.nanmax(value, initial=0)) for value in values)
     bars_height = _BAR_STEP * len(bars)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
 from oppload_cli.errors import ResultError
@@ -298,7 +298,7 @@ def draw_polar(
     ticks = [tick for tick in MaxNLocator(3).tick_values(0, top) if 0 < tick <= top]
     axes.set_ylim(0, 1.08 * top if raw else 1.08)
     axes.set_rticks(ticks if raw else [0.5, 1])
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    style.number_in_full(axes)
     axes.set_rlabel_position(_free_direction(axes))
     for number in axes.get_yticklabels():
         number.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4})

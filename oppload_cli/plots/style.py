@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.textpath import text_to_path
+from matplotlib.ticker import StrMethodFormatter
 
 from oppload_cli import palette
 from oppload_cli.errors import ParameterError, counted, printable
@@ -239,6 +240,11 @@ def check_xlim(times: Sequence[NDArray[np.float64]], xlim: tuple[float, float] |
             f"no frame is between {begin:g} and {end:g} s; the frames are between "
             f"{short_number(first)} and {short_number(last)} s"
         )
+
+
+def number_in_full(axes: Axes) -> None:
+    """Write complete numbers along the vertical axis: a legend would cover their common factor."""
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 def begin_at_zero(axes: Axes) -> None:

@@ -266,8 +266,8 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     parameter = _parameter(tunings)
     names = list(request.models) or list(dict.fromkeys(m for each in tunings for m in each.models))
     curves = request._replace(models=names).curves()
-    if not raw and len(curves) > _MOST_LINES:
-        return _plot_small_lines(curves, parameter, title)
+    if len(curves) > _MOST_LINES or (raw and len(names) > style.FEW):
+        return _plot_small_lines(curves, parameter, title, raw=raw)
     groups = [request._replace(models=[name]).curves() for name in names] if raw else [curves]
     lines = sum(1 + curve.label.count("\n") for curve in curves)
     many = not raw and len(names) > style.FEW
@@ -284,7 +284,6 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
                 _draw_line(panel, curve, parameter, look, raw=raw)
             unit = style.plain(group[0].detector.unit)
             panel.set_ylabel(f"peak response ({unit})" if raw else "peak / largest peak")
-            style.begin_at_zero(panel)
             if not many:
                 style.legend_over(panel)
         axes[-1].set_xlabel(style.described(parameter))
@@ -307,19 +306,22 @@ def _draw_line(
     order = np.argsort(values, kind="stable")  # the values of a sweep may be in any order
     peaks = curve.peaks[order] / (1.0 if raw else curve.largest or 1.0)
     panel.plot(values[order], peaks, **look | shown, label=curve.label)
+    style.begin_at_zero(panel)
+    if raw:
+        style.number_in_full(panel)
 
 
 def _plot_small_lines(
-    curves: Sequence[TuningCurve], parameter: str, title: str
+    curves: Sequence[TuningCurve], parameter: str, title: str, *, raw: bool
 ) -> tuple[Figure, list[Axes]]:
-    """Draw a small panel for each curve, divided by its largest peak."""
-    with _small_panels(len(curves), 1.5, title) as (figure, axes):
+    """Draw a small panel for each curve, divided by its largest peak, or raw."""
+    with _small_panels(len(curves), 1.5, title, one_scale=not raw) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
-            _draw_line(panel, curve, parameter, {"color": curve.detector.colour, "marker": "o"})
+            look = {"color": curve.detector.colour, "marker": "o"}
+            _draw_line(panel, curve, parameter, look, raw=raw)
             _name_small(panel, curve, curve.largest)
-            style.begin_at_zero(panel)
         figure.supxlabel(style.described(parameter), fontsize=7.5)
-        figure.supylabel("peak / largest peak", fontsize=7.5)
+        figure.supylabel("peak response" if raw else "peak / largest peak", fontsize=7.5)
     return figure, axes
 
 
@@ -330,11 +332,16 @@ def _name_small(panel: Axes, curve: TuningCurve, largest: float) -> None:
 
 
 @contextmanager
-def _small_panels(count: int, height: float, title: str) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Make small panels in rows of four, each `height` inches high, that share their axes."""
+def _small_panels(
+    count: int, height: float, title: str, *, one_scale: bool = True
+) -> Iterator[tuple[Figure, list[Axes]]]:
+    """Make small panels in rows of four, each `height` inches high.
+
+    They share the horizontal axis and, with `one_scale`, the vertical one.
+    """
     rows = -(-count // _IN_A_ROW)
     with style.styled_figure(style.PAGE, 0.5 + height * rows) as figure:
-        yield figure, style.panel_grid(figure, count, _IN_A_ROW, sharex=True, sharey=True)
+        yield figure, style.panel_grid(figure, count, _IN_A_ROW, sharex=True, sharey=one_scale)
         style.write_title(figure, title, 2 * style.TITLE_WIDTH)
 
 

@@ -249,6 +249,19 @@ def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
     assert whole.get_title(loc="left") == "D-LGMD\nnever falls to half"
 
 
+@pytest.mark.parametrize("stretch", [1.0, 1.125, 3.0])
+def test_the_axes_of_a_high_map_are_inside_the_figure(stretch: float, tmp_path: Path) -> None:
+    places = grid(np.ones((9, 9)), 6)
+    places["disk.centre_deg.up"] = [stretch * up for up in places["disk.centre_deg.up"]]
+    peaks = dict.fromkeys(["opplod", "dlgmd"], [1.0] * 41 + [0.0] * 40)
+    figure, axes = plot_tuning(made(tmp_path / "a.tuning.csv", places, peaks), "position")
+    figure.draw_without_rendering()
+    labels = [axes[0].yaxis.label, axes[1].xaxis.label, figure.axes[-1].yaxis.label]
+    for box in (label.get_window_extent() for label in labels):
+        assert min(box.x0, box.y0) > 0
+        assert box.x1 < figure.bbox.x1
+
+
 def test_a_map_that_falls_to_half_on_one_side_only(tmp_path: Path) -> None:
     side = np.array([-20.0, -15, -10, -5, 0, 5, 10, 15, 20])
     right, _ = np.meshgrid(side, side, indexing="xy")
@@ -265,9 +278,10 @@ def test_a_map_that_falls_to_half_on_one_side_only(tmp_path: Path) -> None:
     assert label.y0 > foot.get_window_extent().y1  # below a title of two lines
 
 
-def test_both_ends_over_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize("axes", [(0, 270, 180, 90), (360, -90, -180, 90)])
+def test_both_ends_over_one(axes: tuple[float, ...], tmp_path: Path) -> None:
     peaks = {"opplod": [6.0] * 4 + [2.0, 1, 1, 0]}
-    tuning = made(tmp_path / "a.tuning.csv", ends(0, 270, 180, 90), peaks)
+    tuning = made(tmp_path / "a.tuning.csv", ends(*axes), peaks)
     figure, (panel,) = plot_tuning(tuning, "ends")
     total = y_of(panel.lines[2])
     for line in panel.lines:  # from left to right, whatever the order of the sweep

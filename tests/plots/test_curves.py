@@ -626,8 +626,11 @@ def test_the_notes_of_small_multiples_are_inside_the_figure(tmp_path: Path) -> N
         for number, name in enumerate(EIGHT):
             row[f"{name}_response"], row[f"{name}_alarm"] = f"{1e6 * (number > 3)}", "0"
     rows[20]["opplod_alarm"] = "1"
-    figure, _ = plot_curves(read_result(write_rows(tmp_path / "a.frames.csv", rows)), scale="raw")
+    result = read_result(write_rows(tmp_path / "a.frames.csv", rows))
+    figure, panels = plot_curves(result, scale="raw")
     figure.draw_without_rendering()
+    # Not "1", with a factor of a million where the title of the panel is.
+    assert "1e+06" in [label.get_text() for label in panels[4].get_yticklabels()]
     (legend,) = figure.legends
     assert {"dotted: threshold of the alarm", "shaded: alarm on"} <= {
         text.get_text() for text in legend.get_texts()

@@ -159,6 +159,22 @@ def test_one_number_makes_a_line(tmp_path: Path) -> None:
     assert panel.get_xlabel() == "l/v (ms)"
 
 
+def test_raw_peaks_have_complete_numbers_along_their_axis(tmp_path: Path) -> None:
+    """The legend lies where matplotlib writes a common factor such as 1e-7."""
+    names = list(detectors())[:5]  # too many for panels one above another
+    for count in (1, 5):
+        peaks = {name: [4e-7, 2e-7, 1e-7] for name in names[:count]}
+        figure, panels = plot_tuning(made(tmp_path, L_OVER_V, peaks), scale="raw")
+        figure.draw_without_rendering()
+        assert len(panels) == count
+        for panel in panels:
+            np.testing.assert_allclose(y_of(panel.lines[0]), [4e-7, 2e-7, 1e-7])
+            assert "4e\N{MINUS SIGN}07" in [label.get_text() for label in panel.get_yticklabels()]
+    boxes = [panel.get_window_extent() for panel in panels]
+    assert min(box.height for box in boxes) / figure.dpi > 0.5  # inches
+    assert figure.get_supylabel() == "peak response"
+
+
 def test_large_peaks_have_no_exponent(tmp_path: Path) -> None:
     values = {"disk.size_deg": [10.0, 20, 30]}
     _, (panel,) = plot_tuning(made(tmp_path, values, {"hua_fixed": [5150.4, 2, 1]}))
@@ -295,6 +311,7 @@ def test_the_line_through_the_times_of_peaks() -> None:
     assert (fit.slope, fit.delay_s) == pytest.approx((slope, -intercept))
     errors = stdtrit(2, 0.975) * np.sqrt(np.diag(covariance))
     assert [fit.slope_error, fit.delay_error_s] == pytest.approx(errors, rel=1e-3)
+    assert PeakTimes(-1e-9, 0, 0, 0).text.startswith("slope 0.00 ± 0.00 (180 deg")
     assert PeakTimes(1.0, 0, 0, 0).angle_deg == pytest.approx(90)
     assert PeakTimes(np.sqrt(3), 0, 0, 0).angle_deg == pytest.approx(60)
 
