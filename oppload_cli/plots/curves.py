@@ -515,9 +515,10 @@ def _write_few_numbers(bar: Colorbar) -> None:
 
 def _binned(time: Series, value: Series, begin: float, end: float, bins: int) -> Series:
     """Return the largest value in each bin of time; NaN before the first and after the last."""
-    at = np.floor((time - begin) / max(end - begin, 1e-9) * bins).astype(int)
+    at = np.floor((time - begin) / max(end - begin, 1e-9) * bins).clip(-1, bins).astype(int)
     at[time == end] = bins - 1
     known = np.isfinite(value)
-    largest = pd.Series(value[known]).groupby(at[known]).max().reindex(range(bins))
+    known[np.flatnonzero(at < 0)[:-1]] = False  # of the frames before all bins, the last one counts
+    largest = pd.Series(value[known]).groupby(at[known]).max().reindex(range(-1, bins + 1))
     # A bin between two frames shows the frame before it.
-    return np.asarray(largest.ffill().where(largest.bfill().notna()), np.float64)
+    return np.asarray(largest.ffill().where(largest.bfill().notna()), np.float64)[1:-1]

@@ -306,6 +306,9 @@ def test_a_bin_of_time_shows_its_largest_value() -> None:
     assert _binned(time, value, 0.0, 1.0, 2).tolist() == [3, 5]  # the end is in the last bin
     assert _binned(time, value, 0.0, 1.0, 5).tolist() == [3, 1, 2, 2, 5]
     assert _binned(time, value, 0.4, 0.6, 1).tolist() == [2]
+    # Also where the axis begins and ends between frames.
+    assert _binned(time, value, 0.3, 0.6, 3).tolist() == [1, 1, 2]
+    assert _binned(time, value, 0.6, 0.8, 2).tolist() == [2, 2]
 
 
 def test_a_long_name_leaves_a_heat_map_its_width(tmp_path: Path) -> None:
