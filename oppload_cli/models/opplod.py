@@ -33,6 +33,7 @@ _REFERENCE = OpplodParams(
     halved_weight=0.0,
     persistence=0.0,
     sudden=0.0,
+    passing=0.0,
     light_s=0.0,
     residual_noise=0.0,
     steady_view=False,

@@ -147,6 +147,14 @@ class OpplodParams(DpcParams):
         low=0,
         high=1,
     )
+    passing: float = parameter(
+        0.25,
+        "R is 0 where an object passes: about the unit with the largest R if P of one interval "
+        "ago, displaced by more than the kernels reach, equals P now except for less than this "
+        "share; only with halved_weight above 0; 0: nowhere",
+        low=0,
+        high=1,
+    )
     history: float = parameter(
         0.125,
         "S of a cell counts only if the change near the cell was, both one and two intervals ago, "

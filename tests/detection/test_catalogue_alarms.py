@@ -122,14 +122,12 @@ def test_noise_does_not_hide_an_approach(
 @pytest.mark.parametrize("name", CONTROLS)
 def test_controls_in_noise(name: str, noise: float) -> None:
     for protocol in stimulus.load_all(name, {"effects.noise": noise}):
-        alarmed = (protocol.name.endswith("bar-speed/speed-80"), noise) == (True, 0.03)
-        assert bool(alarms(StimulusVideo(protocol, HEIGHT), "default")) == alarmed, protocol.name
+        assert not alarms(StimulusVideo(protocol, HEIGHT), "default"), protocol.name
 
 
 FAST = {  # controls with an alarm at other frame rates, as docs/time.md says
     ("default", 12): {"flickering-disk"},
     ("default", 20): {"rotating-bar/rotation-90", "rotating-bar/rotation--90"},
-    ("default", 60): {f"bar-sweep/rotation-{turn}" for turn in (0, 90, 180, 270)},
     **{("reference", rate): {"translating-bar-speed/speed-80"} for rate in (12, 15, 24, 25, 50)},
 }
 

@@ -199,8 +199,9 @@ def test_out_of_rest_no_alarm_before_the_models_have_a_memory(preset: str) -> No
     """Patches at 8 px/frame are too fast for the models, but the first ten frames are blind."""
     moving = Film(scenes.out_of_rest(scenes.patches(12, 8, sigma=12)))
     first = set(range(STILL + 1, STILL + 11))
-    assert first & set(alarms(moving, preset, blind_s=0, steady_view=False))
-    assert not first & set(alarms(moving, preset, steady_view=False))
+    without = partial(alarms, steady_view=False, passing=False)
+    assert first & set(without(moving, preset, blind_s=0))
+    assert not first & set(without(moving, preset))
 
 
 @pytest.mark.parametrize(
@@ -216,7 +217,7 @@ def test_a_pan_that_begins_at_once_gives_no_alarm(speed: int, sigma: int) -> Non
     for seed in (2, 4):
         moving = Film(scenes.out_of_rest(scenes.patches(40, speed, sigma, seed)))
         assert alarms(moving, "default") == []
-        assert alarms(moving, "default", steady_view=False) == []
+        assert alarms(moving, "default", steady_view=False, passing=False) == []
 
 
 @pytest.mark.parametrize("rate", [12, 20, 24, 30, 60])
@@ -224,7 +225,7 @@ def test_nor_at_another_frame_rate(rate: int) -> None:
     """With a longer guard the first frames that count come before the adaptation, but at 30."""
     pan = scenes.patches(2 * rate // 5 + 2, 240 // rate, 12, 2)
     film = np.stack([*[pan[0]] * (2 * rate // 5), *pan])
-    usual = parameters_of("opplod", "default").replaced(steady_view=False)
+    usual = parameters_of("opplod", "default").replaced(steady_view=False, passing=0)
     alarm = alarm_params("default")
     for guard_s, alarmed in ((usual.adaptation_guard_s, False), (0.25, rate != 30)):
         params = usual.replaced(adaptation_guard_s=guard_s)
@@ -234,16 +235,21 @@ def test_nor_at_another_frame_rate(rate: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("speeds", "rise", "alarmed"), [((3, 4, 5, 6, 8, 10, 12), 1, 6), ((8,), 12, 3), ((12,), 12, 10)]
+    ("speeds", "rise", "neither", "passing"),
+    [((3, 4, 5, 6, 8, 10, 12), 1, 6, 6), ((8,), 12, 3, 0), ((12,), 12, 10, 2)],
 )
 def test_of_pans_over_patches_those_that_rise_give_more_alarms(
-    speeds: Sequence[int], rise: int, alarmed: int
+    speeds: Sequence[int], rise: int, neither: int, passing: int
 ) -> None:
-    """The adaptation is 0.23 s behind a pan that becomes faster; a steady view hides the pan."""
+    """The adaptation is 0.23 s behind a pan that becomes faster; a steady view hides the pan.
+
+    If the view is not steady, fast patches are mostly left out as objects that pass.
+    """
     pans = product(speeds, (6, 12, 18), range(1, 5))
     films = [Film(scenes.out_of_rest(scenes.patches(60, *each, rise))) for each in pans]
-    for steady_view, count in ((False, alarmed), (True, 0)):
-        on = [alarms(film, "default", steady_view=steady_view) for film in films]
+    parts = (False, False), (False, True), (True, True)
+    for (view, pass_by), count in zip(parts, (neither, passing, 0), strict=True):
+        on = [alarms(film, "default", steady_view=view, passing=pass_by) for film in films]
         assert sum(map(bool, on)) == count
 
 
@@ -324,7 +330,7 @@ def shaken_alarms(
     """Return the number of alarms before patches of a width, seen by a shaking camera."""
     ground = scenes.patches(1, 1, width, seed)[0][:, :SIZE]
     film = Film(scenes.shaken(ground, 90, sigma, seed))
-    on = alarms(film, "default", at_once=at_once, steady_view=steady_view)
+    on = alarms(film, "default", at_once=at_once, steady_view=steady_view, passing=False)
     return sum(frame - 1 not in on for frame in on)
 
 

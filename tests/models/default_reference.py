@@ -26,6 +26,7 @@ HALVED_WEIGHT, HISTORY, PERSISTENCE, LEVEL = 2, 1 / 8, 0.45, 0.035
 RESIDUAL_NOISE = 0.004
 LIGHT, BACKGROUND, GUARD = 4 * 30, 4 * 30, 0.228 * 30 + 1 / 4  # frames
 STRIDES = {1: 2, 2: 1}  # frames between compared frames, by the reduction of the frame
+PASSING, DISPLACED = 0.25, (4, 20)  # px at half size
 AXES, CONE = {45: (1, -1), 135: (-1, -1)}, 60  # degrees; right and down, times sqrt(2)
 
 
@@ -277,7 +278,30 @@ def outward(cells: dict[int, Array]) -> Array:
     return r
 
 
-# ---- 9. and 10. Persistence and adaptation ---------------------------------------------------
+# ---- 9. and 10. Passing objects, persistence and adaptation -----------------------------------
+
+
+def without_passing(opponency: Array, half: Size, t: int) -> None:
+    """Set R, in all cells with a history, to 0 about the winning unit if an object passes there."""
+    winner = np.unravel_index(opponency[0].argmax(), opponency[0].shape)
+    centres = [np.array(reference.centres(2 * side, CELL)) for side in half.p[t].shape]
+    middle = [each[index] for each, index in zip(centres, winner, strict=True)]
+    parts = [
+        slice(max(0, round((at - FIELD / 2) / 2)), min(side, round((at + FIELD / 2) / 2)))
+        for at, side in zip(middle, half.p[t].shape, strict=True)
+    ]
+    before = half.seen(half.p, t - 1, t, 0, cv2.INTER_LINEAR)[tuple(parts)]
+    least, most = DISPLACED
+    now = np.pad(half.p[t], most)
+    errors = [
+        np.sum((before - now[y : y + before.shape[0], x : x + before.shape[1]]) ** 2)
+        for y in range(parts[0].start, parts[0].start + 2 * most + 1)
+        for x in range(parts[1].start, parts[1].start + 2 * most + 1)
+        if np.hypot(y - parts[0].start - most, x - parts[1].start - most) >= least
+    ]
+    if min(errors) < PASSING * np.sum(before**2):
+        near = [np.abs(each - at) <= FIELD / 2 for each, at in zip(centres, middle, strict=True)]
+        opponency[0][np.ix_(*near)] = 0
 
 
 def responses(frames: Iterable[Array]) -> list[float]:
@@ -290,7 +314,12 @@ def responses(frames: Iterable[Array]) -> list[float]:
     kept, background, found = nothing, list[float](), []
     for t, luma_change in enumerate(each.mean() for each in sizes[0][1].p):
         parts = [weight * size.opponency(t) for weight, size in sizes if size.lasts(t)]
-        kept = (1 - PERSISTENCE) * sum(parts) + PERSISTENCE * kept if parts else nothing
+        if parts:
+            now = np.asarray(sum(parts))
+            without_passing(now, sizes[1][1], t)
+            kept = (1 - PERSISTENCE) * now + PERSISTENCE * kept
+        else:
+            kept = nothing
         r, of_all = (float(each.max()) for each in kept)
         if of_all and luma_change >= 1e-4:
             background.append(of_all)

@@ -56,7 +56,17 @@ def flickering() -> list[Luma]:
     return [*([film[0]] * 4), *film, *still]
 
 
-SCENES = {"shaking": shaking, "noisy": noisy, "flickering": flickering}
+@cache
+def passed() -> list[Luma]:
+    """A box passes at 20 px per frame, while a disk approaches before a texture."""
+    ground = (0.2 + 0.6 * texture(240, 240, 1)).astype(np.float32)
+    film = looming_over([ground] * 20)
+    for t, each in enumerate(film[4:18]):
+        each[30:110, 20 * t : 20 * t + 60] = 0.9
+    return film
+
+
+SCENES = {"shaking": shaking, "noisy": noisy, "flickering": flickering, "passed": passed}
 
 
 def of_the_package(scene: str, **changes: Any) -> NDArray[np.float64]:
@@ -86,6 +96,7 @@ def test_responses_agree_with_the_equations(scene: str) -> None:
         ("shaking", {"entering": 0}),
         ("shaking", {"adaptation_level": 0}),
         ("noisy", {"residual_noise": 0}),
+        ("passed", {"passing": 0}),
         ("flickering", {"light_s": 0}),
         ("flickering", {"history": 0}),
         ("flickering", {"adaptation_level": 0}),
