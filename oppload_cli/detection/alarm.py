@@ -133,8 +133,7 @@ class Alarm:
         self.threshold = max(self._floor, self.params.factor * background)
         share = self.params.release if self._on and not ended else 1.0
         self.evidence = self.params.evidence(response, contact_s)
-        above = self.evidence > share * self.threshold and not blind
-        above = above and (self._on or not sudden)
+        above = self.evidence > share * self.threshold and not blind and (self._on or not sudden)
         enough = self._long_enough(above, time_s, before_s)
         self._counted = enough and not ended and time_s >= self._ready_s - ROUNDING_S
         if self._counted:
