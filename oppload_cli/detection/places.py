@@ -368,9 +368,9 @@ class Detections:
             box,
             *centre,
             track.response,
-            False,
-            track.time_to_contact_s,
-            track.time_to_contact_error_s,
+            alarm=False,
+            time_to_contact_s=track.time_to_contact_s,
+            time_to_contact_error_s=track.time_to_contact_error_s,
         )
 
     def _in_source(
