@@ -47,6 +47,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "cone of 90 degrees": {"cone": 90.0},
     "no border": {"border": 0},
     "nothing left out that enters": {"entering": 0},
+    "objects that pass count": {"passing": 0.0},
     "no steady light": {"light_s": 0.0},
     "no noise filter": {"residual_noise": 0},
     "no steady view": {"steady_view": False},

@@ -460,16 +460,16 @@ class PooledJudgement(CellJudgement):
         return OpplodResponse(response, box, best, sudden=sudden)
 
     def _leave_out_passing(self, opponency: Map, p: Sequence[Map]) -> None:
-        """Set R to 0, in place, about the unit with the largest R if an object passes there.
+        """Set R to 0, in place, about the unit with the largest R while an object passes there.
 
         `p` is P at half the size of the frame, now and one interval ago.
         """
         maps, reach = self.maps, self.maps.field / 2
-        row, column = divmod(int(opponency.argmax()), opponency.shape[1])
-        y, x = maps.centres_y[row], maps.centres_x[column]
-        if not opponency[row, column]:
-            return
-        if share_not_displaced(p, (y / 2, x / 2), reach / 2) < self._params.passing:
+        while opponency.any():
+            row, column = divmod(int(opponency.argmax()), opponency.shape[1])
+            y, x = maps.centres_y[row], maps.centres_x[column]
+            if share_not_displaced(p, (y / 2, x / 2), reach / 2) >= self._params.passing:
+                return
             rows, columns = abs(maps.centres_y - y) <= reach, abs(maps.centres_x - x) <= reach
             opponency[np.ix_(rows, columns)] = 0
 

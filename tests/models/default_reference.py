@@ -282,7 +282,9 @@ def outward(cells: dict[int, Array]) -> Array:
 
 
 def without_passing(opponency: Array, half: Size, t: int) -> None:
-    """Set R, in all cells with a history, to 0 about the winning unit if an object passes there."""
+    """Set R, in all cells with a history, to 0 about winning units where an object passes."""
+    if not opponency[0].any():
+        return
     winner = np.unravel_index(opponency[0].argmax(), opponency[0].shape)
     centres = [np.array(reference.centres(2 * side, CELL)) for side in half.p[t].shape]
     middle = [each[index] for each, index in zip(centres, winner, strict=True)]
@@ -302,6 +304,7 @@ def without_passing(opponency: Array, half: Size, t: int) -> None:
     if min(errors) < PASSING * np.sum(before**2):
         near = [np.abs(each - at) <= FIELD / 2 for each, at in zip(centres, middle, strict=True)]
         opponency[0][np.ix_(*near)] = 0
+        without_passing(opponency, half, t)
 
 
 def responses(frames: Iterable[Array]) -> list[float]:
