@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
+from matplotlib.contour import ContourSet
 from matplotlib.lines import Line2D
 
 from oppload_cli.errors import ResultError
@@ -246,6 +247,11 @@ def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
     assert (y[row] + y[row + 1]) / 2 == pytest.approx(0)
     assert x == pytest.approx(np.arange(-22.5, 25, 5))
     assert panel.get_title(loc="left") == "OppLoD\nhalf at 8 deg"
+    assert len(whole.collections) == 1
+    line = panel.collections[1]  # at half: a circle of 8 degrees about the peak
+    assert isinstance(line, ContourSet)
+    x, y = np.asarray(line.get_paths()[0].vertices, float).T
+    np.testing.assert_allclose(np.hypot(x - 5, y), 8, atol=1)
     assert whole.get_title(loc="left") == "D-LGMD\nnever falls to half"
 
 

@@ -35,7 +35,8 @@ def test_where_nothing_responds_there_is_no_index() -> None:
 
 
 def test_a_half_circle_has_no_opposite_direction() -> None:
-    assert selectivity(np.array([0.0, 45, 90]), np.array([1.0, 2, 1])).direction_index is None
+    numbers = selectivity(np.array([0.0, 45, 90]), np.array([1.0, 4, 2]))
+    assert (numbers.direction_index, numbers.least) == (None, 0.25)
 
 
 def test_a_half_circle_is_repeated_half_a_turn_on() -> None:

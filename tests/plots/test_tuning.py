@@ -98,6 +98,9 @@ def test_lplc2_stands_beside_its_own_bar_only(tmp_path: Path) -> None:
         tuning.sidecar["stimulus"]["first"] = first
         names = [curve.name for curve in polar_curves(tuning)]
         assert any(name.startswith("LPLC2") for name in names) == overlaid, changes
+    path = write_tuning(tmp_path / "b.tuning.csv", AXES, PEAKS, name="klapoetke2017/bar-expand-60")
+    both = Request([made(tmp_path, AXES, PEAKS), read_tuning(path)], ["opplod"], ["10", "60"])
+    assert [curve.name for curve in direction_tunings(both)] == ["OppLoD, 10", "OppLoD, 60"]
 
 
 @pytest.mark.parametrize(
@@ -123,12 +126,13 @@ def test_without_symmetry_a_half_circle_stays_open(tmp_path: Path) -> None:
     assert "direction selectivity index unknown (opposite not shown)" in curve.line()
 
 
-def test_a_direction_that_was_shown_twice_is_drawn_once(tmp_path: Path) -> None:
-    circle = {"bar.axis_deg": [float(angle) for angle in range(0, 361, 45)]}
+@pytest.mark.parametrize("begin", [0, -180])
+def test_a_direction_that_was_shown_twice_is_drawn_once(begin: int, tmp_path: Path) -> None:
+    circle = {"bar.axis_deg": [float(angle) for angle in range(begin, begin + 361, 45)]}
     peaks = {"opplod": [1.0, 2, 1, 2, 1, 2, 1, 2, 1]}
     tuning = made(tmp_path, circle, peaks)
     (curve,) = polar_curves(tuning, lplc2="none")
-    np.testing.assert_array_equal(curve.angles_deg, circle["bar.axis_deg"][:-1])
+    np.testing.assert_array_equal(curve.angles_deg, range(0, 360, 45))
     assert "axis selectivity index 0.000" in curve.line()
 
 
@@ -478,13 +482,15 @@ def test_long_doubts_leave_a_polar_plot_its_room(count: int, scale: str, tmp_pat
 
 def test_the_numbers_of_the_radius_are_where_no_curve_is(tmp_path: Path) -> None:
     directions = {"bar.rotation_deg": [float(angle) for angle in range(0, 360, 45)]}
-    peaks_of = {"opplod": [1.0, 1, 1, 1, 0, 0, 1, 1]}
+    peaks_of = {"opplod": [3.0, 3, 3, 3, 0, 0, 3, 3]}
     tuning = made(tmp_path, directions, peaks_of)
     _, (panel,) = plot_tuning(tuning, lplc2="none")
     assert isinstance(panel, PolarAxes)
     assert panel.get_rlabel_position() == pytest.approx(202.5)  # between 180 and 225 degrees
     _, (raw,) = plot_tuning(tuning, lplc2="none", scale="raw")
-    assert raw.get_ylim()[1] > 1  # the outermost mark is not cut
+    assert raw.get_ylim()[1] > 3  # the outermost mark is not cut
+    assert raw.get_xlabel() == "radius: response (arbitrary unit); angle: direction of motion"
+    np.testing.assert_array_equal(y_of(raw.lines[0])[:8], peaks_of["opplod"])
     with pytest.raises(ParameterError, match="not 'threshold'"):
         plot_tuning(tuning, scale="threshold")
 
