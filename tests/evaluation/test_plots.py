@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
@@ -11,6 +12,8 @@ from oppload_cli.evaluation.plots import PLOTS, figure_of
 from tests.evaluation.make import NAME, clip, peaks
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from oppload_cli.evaluation.metrics.clips import Clip
 
 CLIPS = [
@@ -22,13 +25,19 @@ CLIPS = [
 MEASURED = {NAME: measured(CLIPS, NAME, draws_of([True, True, False, False], 100))}
 
 
+def line_of(axes: Axes, number: int) -> tuple[list[float], list[float]]:
+    """The x and the y of the points of a line."""
+    line = axes.get_lines()[number]
+    x, y = (np.asarray(each, float) for each in (line.get_xdata(), line.get_ydata()))
+    return x.tolist(), y.tolist()
+
+
 def test_detection_over_false_alarms() -> None:
-    line = figure_of("detection.png", MEASURED).axes[0].get_lines()[-1]
-    rates, detected = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+    rates, detected = line_of(figure_of("detection.png", MEASURED).axes[0], -1)
     minutes = 2 + 2 * 7.7 / 60
     # Above 3: none false, one approach of two; above 1.5: one false; then both.
     assert rates[:3] == pytest.approx(np.array([0, 1, 2]) / minutes)
-    assert detected[:3].tolist() == [0.5, 1, 1]
+    assert detected[:3] == [0.5, 1, 1]
 
 
 def test_leads_and_kinds_are_those_of_the_figures() -> None:
@@ -40,6 +49,39 @@ def test_leads_and_kinds_are_those_of_the_figures() -> None:
     kinds = [label.get_text() for label in axes.get_yticklabels()]
     assert kinds == ["before an approach\n2 clips", "still\n1 clip", "walking\n1 clip"]
     assert [bar.get_width() for bar in axes.patches] == pytest.approx([0, 2, 0])  # type: ignore[attr-defined]
+
+
+def test_every_plot_has_the_numbers_of_its_definition() -> None:
+    clips = [
+        clip(peaks(100, {80: 2.5, 85: 5.0}), 80, 90),
+        clip(peaks(100, {85: 4.0}), 80, 90),
+        clip(peaks(100, {87: 3.5}), 80, 90),
+        clip(peaks(100, {90: 1.0}), 80, 90),
+        # Two false alarms above 1 or 2, one above 0.
+        clip(peaks(603, dict.fromkeys(range(100, 130), 1.0) | {100: 3.0, 130: 3.0})),
+        clip(peaks(603, {100: 2.0})),
+    ]
+    found = measured(clips, NAME, draws_of([each.label.looming for each in clips], 100))
+    panels = {plot: figure_of(plot, {NAME: found, "dlgmd": found}).axes[0] for plot in PLOTS}
+    minutes = 2 + 4 * 7.7 / 60
+    rates, detected = line_of(panels["detection.png"], -1)
+    assert rates == pytest.approx(np.array([0, 2, 3, 3 + 6 * minutes]) / minutes)
+    assert detected == pytest.approx([0.75, 0.75, 1, 1])  # above 3, above 2, above 0
+    # Of the negative windows two have the score 3, one has 2, two have 1.
+    recall, precision = line_of(panels["precision-recall.png"], -1)
+    assert recall == pytest.approx([0, 0.25, 0.5, 0.75, 1])
+    assert precision == pytest.approx([1, 1, 1, 1, 4 / 9])
+    assert line_of(panels["lead-time.png"], 0)[0] == pytest.approx([0.3, 0.5, 1.0])
+    assert line_of(panels["lead-time.png"], 1)[0] == pytest.approx([0.5, 0.5])  # the median
+    labels = [label.get_text() for label in panels["lead-time.png"].get_yticklabels()]
+    assert labels == ["detector\n3 of 4", "D-LGMD\n3 of 4"]
+    pairs = [each for each in found.measurements if each.measure == "ordered_pairs"]
+    (spread, *_) = (each for each in panels["within-clip.png"].collections)
+    assert isinstance(spread, LineCollection)
+    ends = [segment[:, 1].tolist() for segment in spread.get_segments()]
+    assert ends == [pytest.approx([each.low, each.high]) for each in pairs]
+    lower = [bar.get_y() for bar in panels["false-alarms.png"].patches]  # type: ignore[attr-defined]
+    assert len(set(lower)) == len(lower) == 2 * 2  # no bar covers another one
 
 
 def test_dollar_signs_in_a_kind_of_motion_are_no_formula() -> None:
