@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detectors
+from oppload_cli.plots.classic import _half_distance
 from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.style import INK
 from oppload_cli.plots.tuning import lines_of, plot_tuning
@@ -158,9 +159,21 @@ def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> No
     assert y_of(example) == pytest.approx([-27, right / math.tan(math.radians(12)) - 27])
     assert y_of(fibre) == pytest.approx([-11.9, right / math.tan(math.radians(21)) - 11.9])
     np.testing.assert_allclose(y_of(sizes.lines[0]), [40, 38, 37, 37])
+    # The range over the animals, at the right end and for the sizes.
+    (animals,) = (each for each in times.collections if each.get_label() == labels[2])
+    last = [y for x, y in np.asarray(animals.get_paths()[0].vertices, float) if x == right]
+    ends = [right / math.tan(math.radians(20)) - 35, right / math.tan(math.radians(7.5)) - 15]
+    assert sorted(set(last)) == pytest.approx(ends)
+    band = sizes.patches[0].get_extents().transformed(sizes.transData.inverted())
+    assert (band.y0, band.y1) == pytest.approx((15, 40))
     assert (sizes.get_xlabel(), sizes.get_ylabel()) == ("l/v (ms)", "size at peak (deg)")
     coarse = contact(tmp_path / "b.tuning.csv", rate="60000/1001")
-    assert "± 0.3" in plot_tuning(coarse, "contact")[1][0].get_legend_handles_labels()[1][0]
+    _, (times, _) = plot_tuning(coarse, "contact", published=False)
+    assert "± 0.3" in times.get_legend_handles_labels()[1][0]
+    fit = PeakTimes.through(np.array(L_OVER_V) / 1000, coarse.rows["peak_before_contact_s"],
+                            1001 / 60000)  # fmt: skip
+    limits = times.collections[0].get_paths()[0].get_extents()
+    assert limits.y0 == pytest.approx(-20 - 1000 * fit.delay_error_s, abs=0.1)
     _, (alone, _) = plot_tuning(tuning, "contact", published=False)
     assert len(alone.get_legend_handles_labels()[1]) == 2
     assert lines_of([tuning], "contact") == [
@@ -284,6 +297,13 @@ def test_a_map_that_falls_to_half_on_one_side_only(tmp_path: Path) -> None:
     assert label.y0 > foot.get_window_extent().y1  # below a title of two lines
 
 
+def test_the_distance_of_half_is_the_mean_over_four_sides() -> None:
+    x, y = np.array([-20.0, 0, 10]), np.array([-40.0, 0, 36])
+    share = np.zeros((3, 3))
+    share[1, 1] = 1
+    assert _half_distance(x, y, share) == "half at 13 deg"  # 10, 5, 20 and 18
+
+
 @pytest.mark.parametrize("axes", [(0, 270, 180, 90), (360, -90, -180, 90)])
 def test_both_ends_over_one(axes: tuple[float, ...], tmp_path: Path) -> None:
     peaks = {"opplod": [6.0] * 4 + [2.0, 1, 1, 0]}
@@ -369,12 +389,14 @@ def test_damaged_notes_are_passed_over(doubts: object, tmp_path: Path) -> None:
 
 
 def test_habituation_is_relative_to_the_first(tmp_path: Path) -> None:
-    peaks = {"opplod": [4.0, 4, 4], "dlgmd": [4.0, 2, 1]}
-    tuning = made(tmp_path / "a.tuning.csv", {"presentation": [1.0, 2, 3]}, peaks)
+    peaks = {"opplod": [4.0, 2, 6], "dlgmd": [1.0, 4, 2]}
+    tuning = made(tmp_path / "a.tuning.csv", {"presentation": [3.0, 1, 2]}, peaks)
     _, (panel,) = plot_tuning(tuning, "habituation")
+    np.testing.assert_allclose(y_of(panel.lines[0]), [1, 3, 2])
     np.testing.assert_allclose(y_of(panel.lines[1]), [1, 0.5, 0.25])
+    assert panel.get_ylim() == pytest.approx((0, 3.3))
     assert panel.get_legend_handles_labels()[1] == [
-        "OppLoD: last / first 1.000", "D-LGMD: last / first 0.250",
+        "OppLoD: last / first 2.000", "D-LGMD: last / first 0.250",
     ]  # fmt: skip
 
 

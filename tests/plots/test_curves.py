@@ -91,6 +91,30 @@ def test_alarms_are_shaded_in_the_colour_of_their_detector(result: BaseResult) -
     assert matplotlib.colors.to_hex(shade.get_facecolor()) == CYCLE[0].lower()
 
 
+def test_a_threshold_that_moves_and_uneven_times(tmp_path: Path) -> None:
+    """The largest multiple of the threshold is not at the largest response."""
+    rows = frame_rows()
+    for at, row in enumerate(rows):
+        row["time_s"] = f"{at / 20 + (at > 35):.9g}"  # a gap of a second
+        row["opplod_response"] = {10: "0.4", 30: "0.8"}.get(at, "0.1") if at >= 3 else ""
+        multiple = float(row["opplod_response"] or 0) / (0.2 if at < 20 else 0.5)
+        row["opplod_over_threshold"] = f"{multiple:.9g}" if multiple else ""
+    path = write_rows(tmp_path / "a.frames.csv", rows)
+    _, (panel,) = plot_curves(read_result(path), models=["opplod"])
+    assert labels(panel)[0] == "OppLoD, 2 times threshold at 0.5 s (frame 10)"
+    on = [int(row["frame"]) / 20 for row in rows if row["opplod_alarm"] == "1"]
+    box = panel.patches[0].get_extents().transformed(panel.transData.inverted())
+    assert (box.x0, box.x1) == pytest.approx((on[0], on[-1] + 0.05))
+    _, (panel,) = plot_curves(read_result(path), models=["opplod"], scale="peak")
+    assert labels(panel)[0] == "OppLoD, peak 0.8 at 1.5 s (frame 30)"
+    assert curve(panel, 1)[3:] == pytest.approx([0.25] * 17 + [0.625] * 20)  # the dotted line
+    for row in rows[3:]:
+        row["opplod_over_threshold"] = f"{float(row['opplod_over_threshold']) / 10:.9g}"
+    write_rows(path, rows)
+    _, (panel,) = plot_curves(read_result(path), models=["opplod"], scale="peak")
+    assert "threshold of OppLoD above the panel: 2.5 times the\npeak or more" in labels(panel)
+
+
 def test_alarms_of_two_detectors_are_bars_whose_colours_do_not_mix(tmp_path: Path) -> None:
     rows = frame_rows()
     for row in rows[25:]:
@@ -275,7 +299,12 @@ def test_more_than_24_results_are_a_heat_map_of_bounded_size(tmp_path: Path) -> 
     assert figure.get_figheight() <= MOST_HEIGHT
     names = [tick.get_text() for tick in opplod.get_yticklabels()]
     assert names[:2] == ["clip-0", "clip-2"]  # so many names would lie over each other
-    assert len(opplod.lines) == 70  # the alarm of each
+    # The alarm of each is in its own row; the first row is the uppermost.
+    heights = np.array([line.get_ydata() for line in opplod.lines], float)
+    np.testing.assert_allclose(heights.T, [0.36 + np.arange(70)] * 2)
+    image = opplod.images[0]
+    assert tuple(image.get_extent()) == (0, 2, 69.5, -0.5)
+    assert (image.norm.vmin, image.norm.vmax) == (0.01, 100)
 
 
 def test_each_row_of_a_heat_map_has_its_own_marks(tmp_path: Path) -> None:
@@ -477,21 +506,29 @@ def test_ground_truth_is_a_strip_with_its_contact(result: BaseResult) -> None:
     assert np.asarray(strip.lines[0].get_ydata(), float).max() == pytest.approx(60)
     assert {text.get_text() for text in panel.texts} == {"contact"}
     assert figure.get_figwidth() == pytest.approx(COLUMN)
+    looming = [frame["time_s"] for frame in truth["frames"] if frame["looming"]]
+    grey = strip.collections[0].get_paths()[0].get_extents()
+    assert (grey.x0, grey.x1) == pytest.approx((looming[0], looming[-1]), abs=0.02)
     _, (_, strip) = plot_curves(result, align="contact")
     assert np.asarray(strip.lines[0].get_xdata(), float)[0] == pytest.approx(-2.2)
+
+
+def upright_lines(axes: Axes) -> list[float]:
+    marks = [np.asarray(line.get_xdata(), float) for line in axes.lines]
+    return sorted(float(each[0]) for each in marks if len(each) == 2 and each[0] == each[1])
 
 
 def test_each_object_and_each_contact_is_told(result: BaseResult) -> None:
     truth = ground_truth(load("controls/two-looming-disks"))
     result.path.with_name("clip.stimulus.json").write_text(json.dumps(truth))
+    _, (aligned, _) = plot_curves(result, align="contact")
+    assert upright_lines(aligned) == pytest.approx([0, 0.6])
     _, (panel, strip) = plot_curves(result, xlim=(0, 2.4))
     sizes = [line for line in strip.lines if len(np.asarray(line.get_xdata())) > 2]
     assert [line.get_label() for line in sizes] == ["first", "second"]
     assert sizes[0].get_linestyle() != sizes[1].get_linestyle()
     for axes in (panel, strip):
-        marks = [np.asarray(line.get_xdata(), float) for line in axes.lines]
-        at = sorted(float(each[0]) for each in marks if len(each) == 2 and each[0] == each[1])
-        assert at == pytest.approx([1.6, 2.2])
+        assert upright_lines(axes) == pytest.approx([1.6, 2.2])
     assert [text.get_text() for text in panel.texts] == ["contacts"]
 
 

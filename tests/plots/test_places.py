@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from matplotlib.collections import PathCollection
 from matplotlib.patches import Rectangle
 
 from oppload_cli.errors import ResultError
@@ -38,6 +39,12 @@ def test_winning_units_over_the_frame_of_the_peak(tmp_path: Path) -> None:
     panel = plot_places(result, still)[1][0]
     places = np.asarray(panel.collections[0].get_offsets())
     assert {tuple(place) for place in places} == {(30, 40)}
+    # Frames 24 to 36 have at least 5 % of the peak.
+    shares = np.exp(-(((np.arange(24, 37) - 30) / 4) ** 2))
+    dots = panel.collections[0]
+    assert isinstance(dots, PathCollection)
+    np.testing.assert_allclose(dots.get_sizes(), 6 + 60 * shares, rtol=1e-6)
+    np.testing.assert_allclose(np.asarray(dots.get_array()), np.arange(24, 37) / 20)
     (box,) = panel.patches
     assert isinstance(box, Rectangle)
     assert box.get_bbox().bounds == (10, 20, 40, 40)

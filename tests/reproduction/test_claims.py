@@ -93,6 +93,7 @@ def test_a_verdict_on_a_faint_response_says_so() -> None:
     faint = hardly("dlgmd", shown[1e-4], settings, "to the disk")
     assert faint.startswith("D-LGMD hardly responds to the disk (largest response 0.0001, below a")
     assert hardly("dlgmd", shown[1.0], settings, "to the disk") == ""
+    assert hardly("dlgmd", shown[1e-4] + shown[1.0], settings, "to the disk") == ""
     found = Finding("Peak at 44.", HOLDS, {}, faint).as_dict()
     assert found["text"] == f"Peak at 44. {faint}"
     assert stated(found) == "holds, hardly responds"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,6 +80,9 @@ def test_the_paper_gives_frames_for_the_disk_in_the_middle_only(
 ) -> None:
     monkeypatch.setattr(looming, "_SPEEDS", (looming._SPEED,))  # the others take time
     claims = looming.looming_off_centre().claims
+    earlier, _, found = (claim.findings["reference"].numbers for claim in claims)
+    assert earlier == {"opplod_onset_frame": 8, "dlgmd_onset_frame": 3}
+    assert found["distance_px"] <= 10
     assert [claim.statement for claim in claims] == [
         "OppLoD responds earlier than D-LGMD.",
         "OppLoD responds more strongly than D-LGMD.",
@@ -107,7 +111,9 @@ def test_crossings_need_the_largest_control() -> None:
     first["z"] = {"opplod": 0.0, "dlgmd": math.inf}
     assert "Both miss" not in looming._finding(first, limits).text
     first["c/looming-disk-centre"] = {"opplod": math.inf, "dlgmd": math.inf}
-    assert looming._finding(first, limits).text.endswith("Both miss: disk of the paper, centre.")
+    finding = looming._finding(first, limits)
+    assert finding.text.endswith("Both miss: disk of the paper, centre.")
+    assert (finding.numbers["opplod_first"], finding.numbers["dlgmd_first"]) == (2, 1)
 
 
 def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars._Tunings:
@@ -133,6 +139,26 @@ def test_the_edge_of_the_field_is_that_of_the_preset(
     assert bars._edge(tuned).text.startswith(f"{stated} of the peak")
     assert bars._edge(tuned).verdict is verdict
     assert bars._middle(tuned).numbers["lower_quartile_deg"] == pytest.approx(7)
+    assert bars._middle(tuned).numbers["share"] == 1
+    late = replace(tuned, reach=tuned.reach + 3)  # a peak at 10 of 12 degrees
+    assert bars._middle(late).numbers["share"] == 0
+    panels = bars._draw_over_time(dict.fromkeys(("reference", "paper"), tuned)).axes
+    for panel in panels:
+        *curves, edge = panel.lines
+        assert [np.nanmax(np.asarray(line.get_ydata(), float)) for line in curves] == [1]
+        assert np.asarray(edge.get_xdata()).tolist() == [12, 12]
+
+
+def test_the_edge_is_half_a_field_from_the_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A display of 72 degrees: 200 of 240 px are 60 degrees, 200 of 600 px are 24."""
+    monkeypatch.setattr(
+        bars, "presented", lambda name, *_: {name: {"opplod": responses([float("nan"), 2.0])}}
+    )
+    monkeypatch.setattr(bars, "_BAR", "klapoetke2017/bar-expand-{}/axis-45")
+    for preset, edge in (("reference", 30), ("paper", 12)):
+        tuned = bars._tunings(preset, {})
+        assert tuned.edge_deg == pytest.approx(edge)
+        assert (tuned.loom, tuned.over_loom(10)) == (2, {45: 1})
 
 
 def test_the_reach_of_the_ends_is_that_of_the_ground_truth() -> None:
@@ -159,6 +185,8 @@ def test_bars_like_those_of_the_neurons_hold() -> None:
     assert bars._diagonal(tunings(ten, sixty_diagonal, 1.0)).verdict is Verdict.HOLDS
     one_larger = {**sixty_diagonal, 90: 1.2}
     assert bars._diagonal(tunings(ten, one_larger, 1.0)).verdict is Verdict.IN_PART
+    other = tunings({**ten, 15: 0.33 + 0.12}, sixty, 1.0)
+    assert bars._likeness(other).numbers["rms_difference"] == pytest.approx(0.12 / math.sqrt(12))
     ninety = tunings({axis: 90 * value for axis, value in ten.items()}, sixty, 1.0)
     assert bars._likeness(ninety).verdict is Verdict.DOES_NOT
 
@@ -185,6 +213,41 @@ def test_bars_that_hardly_excite_the_model_are_named() -> None:
     tuned = tunings(even, dict.fromkeys(even, 1.0), 1.0)
     assert "hardly responds to the 10 degree bar (" in bars._evenness(tuned).faint
     assert bars._diagonal(tuned).faint == ""
+
+
+def test_inward_motion_must_suppress_along_one_axis_at_least() -> None:
+    outward = {angle: responses([math.nan, 1.0, 3.0]) for angle in (0, 45)}
+    for along_0, along_45, verdict in (
+        (0.2, 0.5, Verdict.HOLDS),
+        (0.2, 1.0, Verdict.IN_PART),
+        (1.0, 1.1, Verdict.DOES_NOT),
+    ):
+        shares = {0: along_0, 45: along_45}
+        both = {at: responses([math.nan, share, 3 * share]) for at, share in shares.items()}
+        found = direction._suppression(
+            {direction._OUTWARD: outward, direction._BOTH: both}, "reference"
+        )
+        assert list(found.numbers.values()) == pytest.approx([along_0, along_45])
+        assert found.verdict is verdict
+
+
+def test_diagonals_are_judged_by_shares_of_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    leaks = np.array([[0.25, 0, 0, 0], [1.0, 0, 0, 0]])
+    monkeypatch.setattr(direction, "_wrong_sides", lambda *_: (leaks, {}))
+    monkeypatch.setattr(direction, "_draw_diagonals", lambda _: None)
+    numbers = direction.diagonals().claims[0].findings["paper"].numbers
+    assert numbers == pytest.approx(
+        {"least_mean_share_on_side": (0.8 + 0.5) / 2, "least_share_in_last_frame": 0.5}
+    )
+
+
+def test_the_speed_of_an_edge_is_that_at_the_working_height() -> None:
+    """At 5 px/deg and 30 frames/s, a frame of 360 px has 1.5 times the speed of one of 240."""
+    for per_second, frames in ((4, 0), (5, 2)):  # 0.44 and 0.56 px/frame
+        changes = {"disk.motion.speed_deg_s": per_second, "timing.before_s": 0}
+        name = "controls/translating-disk-speed/speed-20"
+        moving = load(name, {**changes, "timing.motion_s": 0.1, "timing.after_s": 0})
+        assert len(reproduction_rmo._index(moving)) == frames
 
 
 def test_the_medians_decide_on_the_index_of_the_stimuli(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,6 +31,9 @@ def test_likeness_leaves_the_loom_out_of_r() -> None:
     r, rms = _alike(rows).numbers.values()
     assert r == pytest.approx(np.corrcoef([0.2, 0.4, 0.5], [0.1, 0.2, 0.3])[0, 1])
     assert rms == pytest.approx(math.sqrt((0 + 0.01 + 0.04 + 0.04) / 4))
+    assert _alike(rows).verdict is Verdict.IN_PART
+    large = [row._replace(peak_over_loom=10 * row.peak_over_loom) for row in rows]
+    assert _alike(large).verdict is Verdict.DOES_NOT
     table = Built("lplc2", "", "", (), None, tuple(row._asdict() for row in rows)).table()
     assert table.splitlines()[:3] == [
         "stimulus,axis_deg,width_deg,preset_or_model,peak_over_loom,published",
@@ -64,6 +67,12 @@ def test_phenomena_of_a_silent_model_are_in_no_range() -> None:
     inward = [
         row._replace(peak_over_loom=0.5) if "corners" in row.stimulus else row for row in rows
     ]
+    other = {("cross-outward", None): 0.5, ("grating", 225.0): 0.2}
+    unlike = [
+        row._replace(peak_over_loom=other.get((row.stimulus, row.axis_deg), 0.1)) for row in rows
+    ]
+    assert phenomena(unlike)["outward cross"][0] == 0.5
+    assert phenomena(unlike)["sweeps, edges, gratings, largest"][0] == 0.2
     text = _does(inward).text
     assert "corners over the bar, largest: infinite, because the second stimulus" in text
 
@@ -84,7 +93,9 @@ def test_every_published_peak_has_its_stimulus() -> None:
 
 def test_a_loom_outward_and_inward_arms() -> None:
     families = [each for each in BATTERY if each.name in {"loom", "cross-outward", "cross-inward"}]
-    peaks = {row.stimulus: row.peak_over_loom for row in show("lplc2", families).rows}
+    shown = show("lplc2", families)
+    peaks = {row.stimulus: row.peak_over_loom for row in shown.rows}
+    assert {name: signal.max() for name, (_, signal) in shown.courses.items()} == peaks
     assert peaks["loom"] == 1
     assert peaks["cross-outward"] == pytest.approx(0.57, abs=0.03)
     assert peaks["cross-inward"] < 0.05
