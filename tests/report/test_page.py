@@ -21,7 +21,7 @@ from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.task import Interrupted, Outcome
 from oppload_cli.processes import threads
 from oppload_cli.report import writing
-from oppload_cli.report.page import Content
+from oppload_cli.report.page import Content, Curve
 from oppload_cli.report.writing import write_report
 from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
@@ -40,7 +40,7 @@ from tests.report.make import (
     write_numbered_result,
     write_sidecar,
 )
-from tests.results.make import write_result
+from tests.results.make import frame_rows, write_result, write_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -109,6 +109,10 @@ def test_a_detector_without_an_alarm_is_drawn_over_its_peak(table: Path) -> None
     assert [curve.thresholded for curve in content.curves] == [True, False]
     assert content.curves[1].peak == 1
     assert "no alarm of D-LGMD" in content.notes[0]
+    table.write_text(table.read_text().replace(",0.5,1,", ",0.03,1,"))
+    content = Content.of(read_result(table))
+    assert content.strongest.name == "opplod"
+    assert content.strongest.peak == pytest.approx(0.6)
 
 
 def test_alarms_that_are_off_are_not_called_silent(table: Path) -> None:
@@ -165,6 +169,28 @@ def test_the_index_names_the_colours_of_the_detectors_once(table: Path) -> None:
     assert re.findall(r'fill="([^"]+)"[^>]*></svg> ([^<]+)<', legend) == [
         (detector_named(name).colour, detector_named(name).label) for name in ("opplod", "dlgmd")
     ]
+
+
+def test_the_index_is_in_the_order_of_alarms_and_peaks(tmp_path: Path) -> None:
+    tables = []
+    for name, response, alarm in (("a", 0.9, 0), ("b", 0.5, 1), ("c", 0.7, 1)):
+        tables.append(write_numbered_result(tmp_path, name))
+        written = tables[-1].read_text()
+        tables[-1].write_text(written.replace(",0.5,1,", f",{response},{alarm},"))
+    frames = read_result(tables[2]).frames
+    frames.loc[:1, "dlgmd_alarm"] = 1  # before the alarms of the other detector
+    frames.to_csv(tables[2], index=False)
+    alarms = Content.of(read_result(tables[2])).alarms
+    assert [span.curve.name for span in alarms] == ["dlgmd", "opplod", "opplod"]
+    index = write_report(tables, tmp_path).first.read_text()
+    found = re.findall(r'data-title="(.)\.mkv" data-count="(\d)"[^>]*data-duration="(.*?)"', index)
+    assert [each[:2] for each in found] == [("c", "3"), ("b", "2"), ("a", "0")]
+    assert {float(each[2]) for each in found} == {(TIMES_MS[LAST] - TIMES_MS[FIRST]) / 1000}
+    # 240 wide and 48 high, from 100 times the threshold at 2 to 0.01 of it at 46.
+    times = np.array([0.0, 0.1, 1, 1.001, 2, 3])
+    values = np.array([np.nan, 0.001, 1, 0.1, 100, 10])
+    curve = Curve("opplod", "OppLoD", "#000000", values, thresholded=True)
+    assert writing._spark(curve, times) == "M8 46.0L80 24.0L160 2.0L239 13.0"
 
 
 def test_a_table_that_was_cut_is_told(table: Path) -> None:
@@ -347,13 +373,13 @@ def test_frames_that_are_not_there_any_more_have_no_time(table: Path) -> None:
 
 def test_ground_truth_is_drawn(tmp_path: Path) -> None:
     truth = ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40"))
-    path = write_result(tmp_path / "clip.frames.csv")
+    path = write_rows(tmp_path / "clip.frames.csv", frame_rows(50)[10:])  # as with --start
     (tmp_path / "clip.stimulus.json").write_text(json.dumps(truth))
     data = data_of(write_report([path], tmp_path).first)
     (sizes,) = data["truth"]["sizes"].values()
     for row in (0, 20, 39):
         assert sizes[row] == pytest.approx(
-            truth["frames"][row]["objects"][0]["angular_size_deg"], rel=1e-5
+            truth["frames"][10 + row]["objects"][0]["angular_size_deg"], rel=1e-5
         )
     assert data["truth"]["contacts"] == pytest.approx([2.2])
     (tmp_path / "clip.stimulus.json").write_text('{"schema": "x"}')

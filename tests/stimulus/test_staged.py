@@ -192,6 +192,38 @@ def test_surroundings_turn_as_the_flow_says(kind: str) -> None:
     assert other.grey(3).tobytes() == renderer.grey(3).tobytes()
 
 
+# Mean luminance of four by four parts of a picture, from above and from the left.
+PARTS = {
+    "plane": (
+        (0.8, 0.8, 0.8, 0.8), (0.8, 0.8, 0.8, 0.8),
+        (0.455, 0.479, 0.422, 0.441), (0.459, 0.472, 0.489, 0.44),
+    ),
+    "street": (
+        (0.432, 0.679, 0.655, 0.47), (0.427, 0.576, 0.578, 0.47),
+        (0.48, 0.44, 0.433, 0.479), (0.361, 0.37, 0.375, 0.36),
+    ),
+    "forest": (
+        (0.361, 0.289, 0.382, 0.323), (0.418, 0.328, 0.365, 0.38),
+        (0.346, 0.317, 0.348, 0.33), (0.327, 0.273, 0.28, 0.361),
+    ),
+    "room": (
+        (0.783, 0.794, 0.801, 0.788), (0.645, 0.725, 0.726, 0.645),
+        (0.561, 0.493, 0.48, 0.534), (0.42, 0.406, 0.413, 0.423),
+    ),
+    "sky": (
+        (0.736, 0.661, 0.761, 0.741), (0.699, 0.612, 0.804, 0.754),
+        (0.561, 0.513, 0.478, 0.408), (0.58, 0.639, 0.593, 0.512),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SURROUNDINGS)
+def test_a_seed_gives_the_same_surroundings_in_all_versions(kind: str) -> None:
+    picture = Renderer(staged(None, {"background": kind})).luminance(0)
+    parts = picture.reshape(4, HEIGHT // 4, 4, WIDTH // 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(parts, PARTS[kind], atol=0.002)
+
+
 def test_there_is_no_flow_across_a_cut() -> None:
     protocol = staged(None, {"background": "room", "cut_s": 0.5}, camera={"forward_m_s": 1})
     known = [np.isfinite(Renderer(protocol).flow(frame)).any() for frame in (13, 14, 15)]
@@ -439,6 +471,11 @@ def test_a_still_picture_is_shown_in_all_frames(tmp_path: Path) -> None:
     # Scaled by 2/3 to 40 rows, the middle 40 of 53 columns.
     assert covered.shape == (40, 40)
     assert covered.mean() == pytest.approx(grey[:, 10:70].mean(), abs=1)
+    edge = np.zeros((60, 80), np.uint8)
+    edge[:, 60:] = 200
+    assert cv2.imwrite(str(tmp_path / "bg.png"), edge)
+    covered = Renderer(staged(None, scene, display=display)).grey(0)
+    assert (covered[:, :33].max(), covered[:, 35:].min()) == (0, 200)  # at (60 - 10) * 2 / 3
 
 
 def test_a_transparent_still_picture_lies_on_the_even_ground(tmp_path: Path) -> None:
