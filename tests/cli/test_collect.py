@@ -66,6 +66,21 @@ def test_all_frames_in_one_table(results: Path, tmp_path: Path) -> None:
     assert table[30]["dlgmd_response"] != ""
 
 
+def test_frames_of_one_result_with_more_columns(clip: Path, tmp_path: Path) -> None:
+    """The result with inner values and degrees comes first, one without them follows."""
+    words = ("--height", "60", "--no-rmo", "--end", "f8", "-o")
+    more = ("--columns", "all", "--fov", "60")
+    assert oppload("run", clip, *words, tmp_path / "r" / "a", *more).returncode == 0
+    assert oppload("run", clip, *words, tmp_path / "r" / "b").returncode == 0
+    done = oppload("collect", tmp_path / "r", "-o", tmp_path / "f.csv", "--frames")
+    assert (done.returncode, done.stderr) == (0, f"2 results, 16 rows -> {tmp_path / 'f.csv'}\n")
+    table = rows_of(tmp_path / "f.csv")
+    for folder, rows in (("a", table[:8]), ("b", table[8:])):
+        own_rows = rows_of(tmp_path / "r" / folder / "loom.frames.csv")
+        for row, own in zip(rows, own_rows, strict=True):
+            assert {**row, **own, "result": f"{folder}/loom"} == row
+
+
 def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip(
         "pyarrow.parquet", reason="NOT TESTED: pip install 'oppload[parquet]'"

@@ -6,8 +6,10 @@ import csv
 import dataclasses
 import hashlib
 import shutil
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -159,6 +161,18 @@ def test_members_of_a_file_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
     for wanted in ("my.toml/l-over-v-41", "my/l-over-v-40"):
         with pytest.raises(StimulusError, match=r"did you mean 'my\.toml/l-over-v-40'"):
             stimulus.find(wanted)
+
+
+def test_the_names_of_members_tell_keys_and_values_apart() -> None:
+    disks = stimulus.find("controls/two-looming-disks")[0]
+    sweep: dict[str, list[Any]] = {"first.centre_deg": [[0, 2.25]], "second.centre_deg": [[1, 0]]}
+    assert list(replace(disks, sweep=sweep).values()) == [
+        "controls/two-looming-disks/first-centre-0x2.25_second-centre-1x0"
+    ]
+    places = stimulus.find("klapoetke2017/loom-position")[0]
+    assert places.with_settings({"position": [1, 2]}).sweep == {"disk.centre_deg": [[1, 2]]}
+    # The end of a name comes before a part of another one, 'flickering-disk'.
+    assert [entry.name for entry in stimulus.find("flicker")] == ["controls/flicker"]
 
 
 def test_nothing_found_suggests_the_nearest() -> None:
