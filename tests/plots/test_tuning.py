@@ -161,6 +161,8 @@ def test_one_number_makes_a_line(tmp_path: Path) -> None:
     panel = plot_tuning(tuning)[1][0]
     np.testing.assert_allclose(y_of(panel.lines[0]), [1, 0.5, 0.25])
     assert panel.get_xlabel() == "l/v (ms)"
+    tuning.path.with_suffix(".json").unlink()  # then the rows name the stimulus
+    assert read_tuning(tuning.path).name == tuning.name == "klapoetke2017/bar-expand-10"
 
 
 def test_raw_peaks_have_complete_numbers_along_their_axis(tmp_path: Path) -> None:
