@@ -6,6 +6,7 @@ are in :mod:`oppload_cli.models.dpc`.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from functools import partial
@@ -46,6 +47,10 @@ _MOST_KEPT = 16.5  # frames kept per interval; at higher frame rates some are no
 # Luminance outside an earlier frame, so far from any other that P, the smaller one of two changes,
 # is the change without the motion of the view.
 _BEYOND = -1e3
+# Displacements of an object that passes: longer than the kernels reach, so that its edges are taken
+# for each other.
+_NEAREST, _FARTHEST = 4, 20  # px
+_DISPLACED = np.hypot(*np.mgrid[-_FARTHEST : _FARTHEST + 1, -_FARTHEST : _FARTHEST + 1]) >= _NEAREST
 # Luminance above 2 in one of the first 3 frames is an error: the values are probably 0 to 255.
 _CHECKED_FRAMES, _BRIGHTEST = 3, 2.0
 
@@ -200,6 +205,39 @@ class Photoreceptors:
             means = cv2.resize(squares, shape[::-1], interpolation=cv2.INTER_AREA)
             frame.coarse[shape] = np.asarray(means)
         return frame.coarse[shape]
+
+    def not_displaced(self, middle: tuple[float, float], half: float) -> float:
+        """Return the share of P in a square that no displacement of P explains, at least 0.
+
+        The edges of an object that passes move on together, those of an approaching object apart.
+        The share is the smallest sum of squared differences between P of one interval ago in the
+        square and P now, displaced by 4 to 20 px, divided by the sum of squares of P of one
+        interval ago. It is infinite where nothing changed one interval ago.
+
+        Parameters
+        ----------
+        middle : tuple of float
+            Row and column of the middle of the square, in pixels.
+        half : float
+            Half the side of the square, in pixels.
+
+        Source: ``docs/default-equations.md``, section 9.
+        """
+        now, before, _ = self.maps
+        rows, columns = (
+            slice(max(0, round(at - half)), min(side, round(at + half)))
+            for at, side in zip(middle, self.shape, strict=True)
+        )
+        square = before[rows, columns]
+        total = cv2.norm(square, cv2.NORM_L2SQR)
+        if not total:
+            return math.inf
+        # P now, with zeros beyond the frame, in the square and `_FARTHEST` px around it.
+        around = np.pad(now, _FARTHEST)[
+            rows.start : rows.stop + 2 * _FARTHEST, columns.start : columns.stop + 2 * _FARTHEST
+        ]
+        differences = cv2.matchTemplate(around, square, cv2.TM_SQDIFF)
+        return max(0.0, float(differences[_DISPLACED].min()) / total)
 
     def need(self, luma: Map) -> None:
         """Raise the FrameError that `step` would raise for this frame."""

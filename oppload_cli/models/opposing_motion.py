@@ -38,10 +38,6 @@ _NEIGHBOURS, _WITHIN_6 = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
 _MOST_ELAPSED = 1.3  # largest weight of a frame in intervals; the step at 24 frames/s is 1.25
 _AN_INTERVAL = 0.75  # least age in intervals of the R that counts as that of an interval ago
 _STILL = 1e-4  # mean P below which the scene is at rest, though an encoder changes it a little
-# Displacements in px of an object that passes: longer than the kernels reach, so that its edges are
-# taken for each other.
-_NEAREST, _FARTHEST = 4, 20
-_DISPLACED = np.hypot(*np.mgrid[-_FARTHEST : _FARTHEST + 1, -_FARTHEST : _FARTHEST + 1]) >= _NEAREST
 _POOLED_SIGMAS = 5  # reach of pooling in sigmas: pixels further away weigh less than a millionth
 
 
@@ -194,42 +190,6 @@ def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
     needed = np.float32(least) * cv2.dilate(now, _NEIGHBOURS)
     history = np.minimum(*(cv2.dilate(each, _WITHIN_6) for each in before))
     return np.asarray(history >= needed)
-
-
-def share_not_displaced(p: Sequence[Map], middle: tuple[float, float], half: float) -> float:
-    """Return the share of P in a square that no displacement of P explains, at least 0.
-
-    The edges of an object that passes move on together, those of an approaching object apart. The
-    result is the smallest sum of squared differences between P of one interval ago in the square
-    and P now, displaced by 4 to 20 px, divided by the sum of squares of P of one interval ago.
-    It is infinite where nothing changed one interval ago.
-
-    Parameters
-    ----------
-    p : sequence of ndarray of float32, shape (height, width)
-        P now and one interval ago.
-    middle : tuple of float
-        Row and column of the middle of the square, in pixels.
-    half : float
-        Half the side of the square, in pixels.
-
-    Source: ``docs/default-equations.md``, section 9.
-    """
-    now, before = p[:2]
-    rows, columns = (
-        slice(max(0, round(at - half)), min(side, round(at + half)))
-        for at, side in zip(middle, now.shape, strict=True)
-    )
-    square = before[rows, columns]
-    total = cv2.norm(square, cv2.NORM_L2SQR)
-    if not total:
-        return math.inf
-    # P now, with zeros beyond the frame, in the square and `_FARTHEST` px around it.
-    around = np.pad(now, _FARTHEST)[
-        rows.start : rows.stop + 2 * _FARTHEST, columns.start : columns.stop + 2 * _FARTHEST
-    ]
-    differences = cv2.matchTemplate(around, square, cv2.TM_SQDIFF)
-    return max(0.0, float(differences[_DISPLACED].min()) / total)
 
 
 def enhanced(opponency: Map, gain: float, threshold: float) -> Map:
@@ -442,7 +402,7 @@ class PooledJudgement(CellJudgement):
             self._persistent[:] = 0  # begin again, as at the start of the video
         both *= self._selected
         if half and params.passing:
-            self._leave_out_passing(both[0], half.photoreceptors.maps)
+            self._leave_out_passing(both[0], half.photoreceptors)
         now = float(both[0].max())
         if params.persistence:
             both = self._persisted(both, photoreceptors)
@@ -459,16 +419,16 @@ class PooledJudgement(CellJudgement):
         box = self.maps.box(row, column) if response else None
         return OpplodResponse(response, box, best, sudden=sudden)
 
-    def _leave_out_passing(self, opponency: Map, p: Sequence[Map]) -> None:
+    def _leave_out_passing(self, opponency: Map, photoreceptors: Photoreceptors) -> None:
         """Set R to 0, in place, about the unit with the largest R while an object passes there.
 
-        `p` is P at half the size of the frame, now and one interval ago.
+        `photoreceptors` see the frame at half its size.
         """
         maps, reach = self.maps, self.maps.field / 2
         while opponency.any():
             row, column = divmod(int(opponency.argmax()), opponency.shape[1])
             y, x = maps.centres_y[row], maps.centres_x[column]
-            if share_not_displaced(p, (y / 2, x / 2), reach / 2) >= self._params.passing:
+            if photoreceptors.not_displaced((y / 2, x / 2), reach / 2) >= self._params.passing:
                 return
             rows, columns = abs(maps.centres_y - y) <= reach, abs(maps.centres_x - x) <= reach
             opponency[np.ix_(rows, columns)] = 0

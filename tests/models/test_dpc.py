@@ -191,6 +191,28 @@ def test_luma_change_is_the_mean_of_p_from_the_second_frame_on() -> None:
     assert layer.luma_change == pytest.approx(float(np.abs(frames[1] - frames[0]).mean()))
 
 
+def test_a_displacement_explains_the_changes_of_what_moves_on_as_a_whole() -> None:
+    """Two posts of 6 px, in a square of 40 px about the middle of the frame."""
+
+    def not_displaced(left: int, right: int, down: int = 0) -> float:
+        before, now = np.zeros((2, 80, 100), np.float32)
+        before[30:50, 40:46] = before[30:50, 60:66] = 0.5
+        now[30 + down : 50 + down, 40 + left : 46 + left] = 0.5
+        now[30 + down : 50 + down, 60 + right : 66 + right] = 0.5
+        layer = Photoreceptors((80, 100))
+        for luma in (np.zeros_like(now), before, before + now):  # so P is `before`, then `now`
+            layer.step(luma)
+        return layer.not_displaced((40, 50), 20)
+
+    assert not_displaced(7, 7, -5) == pytest.approx(0, abs=1e-6)
+    assert not_displaced(20, 20, 20) == pytest.approx(0, abs=1e-6)
+    # Of posts that move apart a displacement explains one; the other is beyond the square then.
+    assert not_displaced(-8, 8) == pytest.approx(1 / 2)
+    assert not_displaced(21, 21) == pytest.approx(2 / 6)  # of each post, 1 of 6 px, twice
+    assert not_displaced(0, 0) == pytest.approx(2 * 4 / 6)
+    assert Photoreceptors((80, 100)).not_displaced((40, 50), 20) == np.inf
+
+
 def test_the_frame_given_may_be_overwritten() -> None:
     frames = random_frames((9, 12))
     shown, layer = frames[0].copy(), Photoreceptors((9, 12))
