@@ -209,7 +209,7 @@ def test_a_displacement_explains_the_changes_of_what_moves_on_as_a_whole() -> No
     # Of posts that move apart a displacement explains one; the other is beyond the square then.
     assert not_displaced(-8, 8) == pytest.approx(1 / 2)
     assert not_displaced(21, 21) == pytest.approx(2 / 6)  # of each post, 1 of 6 px, twice
-    assert not_displaced(0, 0) == pytest.approx(2 * 4 / 6)
+    assert not_displaced(0, 0) == pytest.approx(2 * 4 / 20)  # as if they moved down by 4 of 20 px
     assert Photoreceptors((80, 100)).not_displaced((40, 50), 20) == np.inf
 
 
