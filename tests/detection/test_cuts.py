@@ -236,7 +236,7 @@ def test_nor_at_another_frame_rate(rate: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("speeds", "rise", "neither", "passing"),
-    [((3, 4, 5, 6, 8, 10, 12), 1, 6, 6), ((8,), 12, 3, 0), ((12,), 12, 10, 2)],
+    [((3, 4, 5, 6, 8, 10, 12), 1, 6, 6), ((8,), 12, 3, 0), ((12,), 12, 10, 0)],
 )
 def test_of_pans_over_patches_those_that_rise_give_more_alarms(
     speeds: Sequence[int], rise: int, neither: int, passing: int
@@ -342,7 +342,7 @@ def test_a_jerk_of_the_camera_starts_no_alarm() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("sigma", "neither", "rule", "view"), [(2, 13, 6, 0), (3, 17, 5, 0), (5, 18, 8, 1)]
+    ("sigma", "neither", "rule", "view"), [(2, 12, 6, 0), (3, 16, 5, 0), (5, 18, 8, 1)]
 )
 def test_jerks_start_fewer_alarms_with_the_rule_or_the_steady_view(
     sigma: float, neither: int, rule: int, view: int
