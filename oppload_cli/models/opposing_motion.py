@@ -422,10 +422,11 @@ class PooledJudgement(CellJudgement):
     def _leave_out_passing(self, opponency: Map, photoreceptors: Photoreceptors) -> None:
         """Set R to 0, in place, about the unit with the largest R while an object passes there.
 
+        R up to `adaptation_level` stays, to save time: it is far too small for an alarm.
         `photoreceptors` see the frame at half its size.
         """
         maps, reach = self.maps, self.maps.field / 2
-        while opponency.any():
+        while opponency.max() > self._params.adaptation_level:
             row, column = divmod(int(opponency.argmax()), opponency.shape[1])
             y, x = maps.centres_y[row], maps.centres_x[column]
             if photoreceptors.not_displaced((y / 2, x / 2), reach / 2) >= self._params.passing:

@@ -283,7 +283,7 @@ def outward(cells: dict[int, Array]) -> Array:
 
 def without_passing(opponency: Array, half: Size, t: int) -> None:
     """Set R, in all cells with a history, to 0 about winning units where an object passes."""
-    if not opponency[0].any():
+    if opponency[0].max() <= LEVEL:
         return
     winner = np.unravel_index(opponency[0].argmax(), opponency[0].shape)
     centres = [np.array(reference.centres(2 * side, CELL)) for side in half.p[t].shape]
