@@ -32,8 +32,8 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
     "again.",
 )
 @options.config(
-    help="Settings of 'oppload run' from a file, for all detectors; its models and its preset are "
-    "evaluated, unless --model names others.",
+    help="Settings of 'oppload run' from a file, for all detectors; the models of the file are "
+    "evaluated under its preset, unless --model names others.",
 )
 @click.option(
     "--height",
