@@ -419,7 +419,7 @@ def test_p_leaves_the_motion_of_the_view_out() -> None:
     inner = np.s_[:, :-12]  # the earlier frames do not show the rest
     assert before[spot].min() > 0.1
     for p in (now, np.where(spot, 0, before), two_ago):
-        assert p[inner].max() < 1e-6
+        assert p[inner].max() < 1e-4  # OpenCV 4 rounds by 3e-5, next to -1000 beyond the frame
     for p, shifted in ((before, 3), (two_ago, 6)):
         assert p[:, -shifted:].max() == 0
     # Where the frame before does not show the place, its motion is not known, and P is the change.
