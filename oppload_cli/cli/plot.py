@@ -11,12 +11,12 @@ from click.core import ParameterSource
 
 import oppload_cli as oppload
 from oppload_cli.cli import check_display, options, say, show_file
-from oppload_cli.errors import ExitCode, ParameterError, ResultError, faults_at
+from oppload_cli.errors import ExitCode, ParameterError, ResultError, SourceError, faults_at
 from oppload_cli.evaluation.manifest import Manifest, read_manifest
 from oppload_cli.files.atomic import PART
 from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
-from oppload_cli.results.reading import BaseResult, is_tuning, read_result
+from oppload_cli.results.reading import BaseResult, find_video, is_tuning, read_result
 from oppload_cli.results.truths import truth_fault
 from oppload_cli.video.inputs import parse_position
 
@@ -283,11 +283,17 @@ def _draw_map(results: Sequence[BaseResult], chosen: dict[str, Any]) -> Figure:
     if len(chosen["models"]) > 1:
         raise ParameterError("--kind map shows one detector; give one --model")
     model = chosen["models"][0] if chosen["models"] else None
-    still = places.still_of(results[0], chosen["video"], model=model)
-    figure, _ = oppload.plot_places(results[0], still, title=chosen["title"], model=model)
-    if still is None:
-        why = f"{results[0].path}: {places.why_no_still(results[0])}"
-        say(f"oppload: {why}, so the background is white; give the video with --video")
+    (result,) = results
+    still, missing = None, ""
+    try:
+        video = chosen["video"] or find_video(result)
+    except SourceError as error:
+        missing = f"the map has no video ({error}), so its background is white"
+    else:
+        still = places.still_of(result, video, model=model)
+    figure, _ = oppload.plot_places(result, still, title=chosen["title"], model=model)
+    if missing:
+        say(f"oppload: {result.path}: {missing}")
     return figure
 
 

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from oppload_cli.errors import ResultError, SourceError
+from oppload_cli.errors import ResultError
 from oppload_cli.models.detector import Box, Detector
 from oppload_cli.models.registry import detector_named, detectors, placing_detector
 from oppload_cli.plots import style
 from oppload_cli.results.alarms import times
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import BaseResult, find_video, known_threshold
-from oppload_cli.results.table import SIDECAR
+from oppload_cli.results.reading import BaseResult, known_threshold
 from oppload_cli.results.truths import usable_truth
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.source import open_video
@@ -30,24 +29,22 @@ if TYPE_CHECKING:
 _WEAKEST = 0.05  # of the peak; frames with smaller responses have no dot
 
 
-def still_of(
-    result: BaseResult, video: str | None = None, *, model: str | None = None
-) -> Still | None:
-    """Read the frame of the peak from the input of a result.
+def still_of(result: BaseResult, video: str, *, model: str | None = None) -> Still:
+    """Read the frame of the peak from the video of a result.
 
     Parameters
     ----------
     result : Result
-        A result whose sidecar names the input.
-    video : str, optional
-        The present name of the input, if it has moved.
+        A result with the places of a detector.
+    video : str
+        The name of the video, such as :func:`oppload_cli.results.reading.find_video` returns.
     model : str, optional
         The detector of the peak; by default the first detector of the result that has places.
 
     Returns
     -------
-    ndarray of float32, shape (height, width), or None
-        Luminance at the source's size; None if no video is found.
+    ndarray of float32, shape (height, width)
+        Luminance at the source's size.
 
     Raises
     ------
@@ -56,28 +53,12 @@ def still_of(
     ResultError
         If the video ends before the peak, or if the result has no places of the detector.
     """
-    detector = _detector(result, model)
-    try:
-        name = video or find_video(result)
-    except SourceError:
-        return None
-    peak = int(result.frames["frame"].iloc[_peak(result, detector)])
+    peak = int(result.frames["frame"].iloc[_peak(result, _detector(result, model))])
     span = Span(start=Position(frame=peak), duration=Position(frame=1))
-    with open_video(name, height=None, span=span) as source:
+    with open_video(video, height=None, span=span) as source:
         for frame in source:
             return frame.luma
-    raise ResultError(f"{name}: ends before frame {peak}, so it is not the input of {result.path}")
-
-
-def why_no_still(result: BaseResult) -> str:
-    """Return in a few words why :func:`still_of` finds no video."""
-    facts = result.part("input")
-    if isinstance(facts.get("name"), str):
-        kept = facts.get("kind") in {"container", "images"}
-        return "its video is gone" if kept else "frames of a camera or a stream are not kept"
-    if facts.get("width") is None:
-        return f"no sidecar ({result.stem}{SIDECAR}) names its video and its size"
-    return "no sidecar names its video"
+    raise ResultError(f"{video}: ends before frame {peak}, so it is not the input of {result.path}")
 
 
 def plot_places(

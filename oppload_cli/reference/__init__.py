@@ -21,8 +21,8 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from operator import itemgetter
 
-_LPLC2_FILE, _THRESHOLDS_FILE = "lplc2_klapoetke2017.csv", "looming_peak_times.csv"
 SOURCE = "Klapoetke et al. 2017, digitised from the replot in Zhou et al. 2022; error about 0.01"
 BAR_WIDTHS = (10, 60)
 # Bars that grow at both ends give 0.23 of the loom, at one end 0.05 to 0.08 (error 0.01 each).
@@ -42,14 +42,15 @@ class _Peak:
 @cache
 def lplc2_peaks() -> tuple[_Peak, ...]:
     """Return the peaks of LPLC2 neurons, in the order of the file."""
+
+    def number(cell: str) -> float | None:
+        return float(cell) if cell else None
+
     return tuple(
-        _Peak(
-            row["stimulus"],
-            float(row["axis_deg"]) if row["axis_deg"] else None,
-            float(row["width_deg"]) if row["width_deg"] else None,
-            float(row["peak_relative_to_loom"]),
+        _Peak(stimulus, number(axis_deg), number(width_deg), float(relative))
+        for stimulus, axis_deg, width_deg, relative in _cells(
+            "lplc2_klapoetke2017.csv", "stimulus", "axis_deg", "width_deg", "peak_relative_to_loom"
         )
-        for row in _rows(_LPLC2_FILE)
     )
 
 
@@ -84,9 +85,6 @@ class AngularThreshold:
     kind: str  # ``lower limit`` or ``upper limit`` of a range over animals, or what was measured
     angle_deg: float
     delay_ms: float  # from the threshold to the peak
-    error_deg: float  # how far each may be off, because of its rounding
-    error_ms: float
-    place: str  # in the source
     source: str
 
     @property
@@ -99,20 +97,14 @@ class AngularThreshold:
 def angular_thresholds() -> tuple[AngularThreshold, ...]:
     """Return all published thresholds, in the order of the file."""
     return tuple(
-        AngularThreshold(
-            neuron=row["neuron"],
-            kind=row["kind"],
-            angle_deg=float(row["angle_deg"]),
-            delay_ms=float(row["delay_ms"]),
-            error_deg=float(row["error_deg"]),
-            error_ms=float(row["error_ms"]),
-            place=row["place"],
-            source=row["source"],
+        AngularThreshold(neuron, kind, float(angle_deg), float(delay_ms), source)
+        for neuron, kind, angle_deg, delay_ms, source in _cells(
+            "looming_peak_times.csv", "neuron", "kind", "angle_deg", "delay_ms", "source"
         )
-        for row in _rows(_THRESHOLDS_FILE)
     )
 
 
-def _rows(file: str) -> list[dict[str, str]]:
+def _cells(file: str, *columns: str) -> list[tuple[str, ...]]:
+    """Return the cells of some columns of a table in this package, row by row."""
     text = resources.files(__package__).joinpath(file).read_text(encoding="utf-8")
-    return list(csv.DictReader(text.splitlines()))
+    return list(map(itemgetter(*columns), csv.DictReader(text.splitlines())))

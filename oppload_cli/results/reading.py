@@ -360,7 +360,9 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
     ):
         return str(moved)
     if not isinstance(name, str) or not name:
-        raise SourceError("no sidecar names the video of this result")
+        raise SourceError(
+            "no sidecar names the video of this result; name it with --video (in Python video=PATH)"
+        )
     if kind not in ("container", "images"):
         raise SourceError(f"{name}: frames of a camera or a stream are not kept")
     path = Path(name)

@@ -375,14 +375,14 @@ def test_a_map_without_a_sidecar_says_so(tmp_path: Path) -> None:
     done = oppload("plot", table, "--kind", "map")
     assert done.returncode == 0
     assert done.stderr == (
-        f"oppload: {table}: no sidecar (a.oppload.json) names its video and its size, so the "
-        "background is white; give the video with --video\n"
+        f"oppload: {table}: the map has no video (no sidecar names the video of this result; name "
+        "it with --video (in Python video=PATH)), so its background is white\n"
     )
     (tmp_path / "a.oppload.json").write_text(
         json.dumps({"input": {"name": "gone.avi", "kind": "container", "width": 64, "height": 48}})
     )
     done = oppload("plot", table, "--kind", "map")
-    assert "its video is gone, so the background is white" in done.stderr
+    assert "the map has no video (gone.avi: is not found; say where" in done.stderr
 
 
 def test_the_threshold_that_a_table_states_is_drawn(tmp_path: Path) -> None:

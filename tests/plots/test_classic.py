@@ -205,17 +205,13 @@ def test_the_display_ends_before_a_disk_of_180_degrees(tmp_path: Path) -> None:
         assert len(times.get_legend_handles_labels()[1]) == 1
 
 
-def test_published_thresholds_have_source_and_error() -> None:
+def test_published_thresholds_have_source_and_slope() -> None:
     peaks = {(each.neuron, each.kind): each for each in angular_thresholds()}
     example = peaks["locust DCMD", "example"]
     assert (example.angle_deg, example.delay_ms) == (24, 27)
     assert example.slope == pytest.approx(4.70, abs=0.01)
     assert (peaks["locust DCMD", "lower limit"].angle_deg, len(peaks)) == (15, 4)
-    for each in peaks.values():
-        assert each.source
-        assert each.place
-        assert each.error_deg > 0
-        assert each.error_ms > 0
+    assert all(each.source for each in peaks.values())
 
 
 def grid(values: NDArray[np.float64], step: float) -> dict[str, list[float]]:

@@ -343,7 +343,7 @@ def test_a_page_without_its_video_says_why(kind: str, table: Path) -> None:
     expected = {
         "gone": f"the page has no video ({clip}: is not found; say where it is with --video (in ",
         "camera": "no video (camera:0: frames of a camera or a stream are not kept)",
-        "unknown": "no video (no sidecar names the video of this result)",
+        "unknown": "no video (no sidecar names the video of this result; name it with --video",
         "broken": f"no video ({clip}: not a video that can be read",
         "another": f"{clip}: is not the video of the run (bytes was",
     }[kind]
