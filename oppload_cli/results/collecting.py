@@ -32,38 +32,45 @@ if TYPE_CHECKING:
     Row = dict[str, Cell]
 
 
-_ABOUT_INPUT: dict[str, type] = {
-    "result": str,
-    "input": str,
-    "kind": str,
-    "codec": str,
-    "width": int,
-    "height": int,
-    "frame_rate": float,
-    "working_width": int,
-    "working_height": int,
-    "preset": str,
-    "decoded": int,
-    "analysed": int,
-    "missing": int,
-    "dropped": int,
-    "repeats": int,
-    "near_repeats": int,
-    "pictures_per_s": float,
-    "complete": bool,
-    "wall_s": float,
-    "frames_per_s": float,
-    "oppload": str,
-    "stimulus": str,
-    "looming": bool,
-    "contact_time_s": float,
-    "model": str,
+# By column: the type of its values, the part of the sidecar that has them (empty for the sidecar
+# itself), and their key in this part.
+_ABOUT_INPUT: dict[str, tuple[type, str, str]] = {
+    "input": (str, "input", "name"),
+    "kind": (str, "input", "kind"),
+    "codec": (str, "input", "codec"),
+    "width": (int, "input", "width"),
+    "height": (int, "input", "height"),
+    "frame_rate": (float, "input", "frame_rate"),
+    "working_width": (int, "working", "width"),
+    "working_height": (int, "working", "height"),
+    "preset": (str, "", "preset"),
+    "decoded": (int, "decode", "decoded"),
+    "analysed": (int, "decode", "analysed"),
+    "missing": (int, "decode", "missing"),
+    "dropped": (int, "decode", "dropped"),
+    "repeats": (int, "decode", "repeats"),
+    "near_repeats": (int, "decode", "near_repeats"),
+    "pictures_per_s": (float, "decode", "pictures_per_s"),
+    "complete": (bool, "decode", "complete"),
+    "wall_s": (float, "", "wall_s"),
+    "frames_per_s": (float, "", "frames_per_s"),
+    "oppload": (str, "tool", "oppload"),
+    "stimulus": (str, "stimulus", "name"),
+    "looming": (bool, "stimulus", "looming"),
+    "contact_time_s": (float, "stimulus", "contact_time_s"),
 }
+# These are missing in the sidecars of some versions and inputs.
+_OPTIONAL = {"dropped", "near_repeats", "pictures_per_s", "stimulus", "looming", "contact_time_s"}
 _OF_MODEL: dict[str, type] = {
     name: float if name == "peak" or name.endswith("_s") else int
     for name in ModelSummary.__dataclass_fields__
 }
-_SUMMARY_COLUMNS = {**_ABOUT_INPUT, **_OF_MODEL}
+_SUMMARY_COLUMNS: dict[str, type] = {
+    "result": str,
+    **{column: kind for column, (kind, _, _) in _ABOUT_INPUT.items()},
+    "model": str,
+    **_OF_MODEL,
+}
 _LIST_OF_BATCH = re.compile(r"(alarms|failures)(-\d+-of-\d+)?\.csv")
 _REMEDY = "run its input again"
 
@@ -251,23 +258,12 @@ def _sidecar(table: Path) -> dict[str, Any]:
 
 
 def _summaries(name: str, content: dict[str, Any]) -> Iterator[Row]:
-    facts, decode, working = content["input"], content["decode"], content["working"]
-    stimulus = content["stimulus"] or {}
-    rate = facts["frame_rate"]
-    about: Row = {
-        "result": name,
-        "input": facts["name"],
-        **{key: facts[key] for key in ("kind", "codec", "width", "height")},
-        "frame_rate": float(parsed_fraction(rate)) if rate else None,
-        "working_width": working["width"],
-        "working_height": working["height"],
-        **{key: content[key] for key in ("preset", "wall_s", "frames_per_s")},
-        **{key: decode[key] for key in ("decoded", "analysed", "missing", "repeats", "complete")},
-        **{key: decode.get(key) for key in ("dropped", "near_repeats", "pictures_per_s")},
-        "oppload": content["tool"]["oppload"],
-        "stimulus": stimulus.get("name"),
-        **{key: stimulus.get(key) for key in ("looming", "contact_time_s")},
-    }
+    parts = {**content, "": content, "stimulus": content["stimulus"] or {}}
+    about: Row = {"result": name}
+    for column, (_, part, key) in _ABOUT_INPUT.items():
+        about[column] = parts[part].get(key) if column in _OPTIONAL else parts[part][key]
+    rate = about["frame_rate"]
+    about["frame_rate"] = float(parsed_fraction(str(rate))) if rate else None
     for model in content["models"]:
         summary = content["summary"][model]
         row = {**about, "model": model, **{column: summary[column] for column in _OF_MODEL}}
