@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from oppload_cli.errors import ResultError
-from oppload_cli.models.registry import detector_named
 from oppload_cli.plots import style
+from oppload_cli.plots.tuning_curves import column_of, described, first_stimulus, legend_above
 from oppload_cli.reference import BOTH_ENDS_OVER_ONE
 
 if TYPE_CHECKING:
@@ -22,113 +22,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from oppload_cli.models.detector import Detector
+    from oppload_cli.plots.tuning_curves import Request, TuningCurve
     from oppload_cli.results.reading import Series, Tuning
 
 _NARROW = 28  # characters in a line above one of two panels side by side
 _NARROWEST = 20  # beside a colour bar
 _HALF = 0.5
 _MOST_RATIO = 1000  # the number means little above it
-
-
-class TuningCurve(NamedTuple):
-    """The peaks of one detector in a table: a curve of a figure, or a panel."""
-
-    tuning: Tuning
-    detector: type[Detector]
-    table: str  # its name if there are several tables, else empty
-    rows: pd.DataFrame  # of the detector
-    look: dict[str, Any]  # line properties of matplotlib
-
-    @property
-    def peaks(self) -> Series:
-        """The peak in each row."""
-        return self.rows["peak"].to_numpy(float)
-
-    @property
-    def largest(self) -> float:
-        """The largest peak."""
-        return float(self.peaks.max())
-
-    @property
-    def doubts(self) -> str:
-        """Why the curve means little, from the sidecar; a line break before each reason."""
-        return "".join(
-            f"\n{doubt.get('note')}"
-            for doubt in self.tuning.sidecar.get("doubts", ())
-            if isinstance(doubt, dict) and doubt.get("model") == self.detector.name
-        )
-
-    @property
-    def name(self) -> str:
-        """The name of the detector, after that of the table if there are several tables."""
-        return f"{self.table}: {self.detector.label}" if self.table else self.detector.label
-
-    @property
-    def label(self) -> str:
-        """The name with the largest peak, for a legend."""
-        largest = f"largest peak {style.short_number(self.largest)} ({self.detector.unit})"
-        return style.wrapped(f"{self.name}, {largest}{self.doubts}", style.LEGEND_WIDTH)
-
-    def over_largest(self, across: str, up: str) -> tuple[pd.DataFrame, float]:
-        """Return a map of the peaks divided by the largest one, and the largest one.
-
-        The map has a column for each value of the parameter `across`, and a row for each of `up`.
-        """
-        peaks = self.rows.pivot_table(index=up, columns=across, values="peak")
-        largest = float(np.nanmax(peaks))
-        return peaks / (largest or 1.0), largest
-
-
-class Request(NamedTuple):
-    """Tables to draw, at least one, and how to draw them."""
-
-    tunings: Sequence[Tuning]
-    models: Sequence[str]  # the detectors to draw; none for all
-    names: Sequence[str]  # a name for each table
-    title: str = ""
-    published: bool = False  # whether published neurons are drawn too
-    raw: bool = False  # whether peaks are drawn in their unit, not over the largest one
-    lplc2: str = "auto"  # the bar whose LPLC2 tuning a polar plot shows
-
-    def curves(self) -> list[TuningCurve]:
-        """Return the curves, table by table; raise ResultError if no table has a detector."""
-        for model in self.models:
-            if all(tuning.of(model).empty for tuning in self.tunings):
-                raise ResultError(
-                    f"{self.tunings[0].path}: column 'model' never holds '{model}'; leave it out"
-                )
-        shown = [
-            (tuning, detector_named(model), name * (len(self.tunings) > 1), rows)
-            for tuning, name in zip(self.tunings, self.names, strict=True)
-            for model in self.models or tuning.models
-            if len(rows := tuning.of(model))
-        ]
-        looks = style.looks_of([detector.name for _, detector, _, _ in shown])
-        return [TuningCurve(*each, look) for each, look in zip(shown, looks, strict=True)]
-
-    def of_one_table(self, figure: str) -> list[TuningCurve]:
-        """Return the curves in the table's order; raise ResultError if there are more tables."""
-        tuning, *others = self.tunings
-        if others:
-            raise ResultError(f"{others[0].path}: {figure} shows one table; plot them separately")
-        return sorted(self.curves(), key=lambda curve: tuning.models.index(curve.detector.name))
-
-
-def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
-    """Return the one swept column with an ending, in a table with `of` swept columns.
-
-    Raises
-    ------
-    ResultError
-        If not exactly one column has the ending, or the number of swept columns is another; the
-        message says that the figure needs `wanted`.
-    """
-    found = [name for name in tuning.parameters if name.endswith(ending)]
-    if len(found) != 1 or len(tuning.parameters) != of:
-        swept = " and ".join(tuning.parameters)
-        raise ResultError(f"{tuning.path}: sweeps '{swept}', not {wanted}")
-    return found[0]
 
 
 @contextmanager
@@ -167,15 +67,6 @@ def _single(request: Request, curves: Sequence[TuningCurve]) -> Iterator[tuple[F
         legend_above(figure, panel, request.title, 1 if few else 2)
 
 
-def legend_above(figure: Figure, axes: Axes, title: str, columns: int = 1) -> None:
-    """Write title and legend above the panels, so that they cover no point of a curve."""
-    figure.legend(
-        *axes.get_legend_handles_labels(), loc="outside upper left", ncols=columns,
-        title=style.wrapped(title, style.TITLE_WIDTH) or None, title_fontsize=8, alignment="left",
-        borderaxespad=0.1, handlelength=2.6,
-    )  # fmt: skip
-
-
 # ---- Position -------------------------------------------------------------------------------
 
 
@@ -186,7 +77,7 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     wanted = "a position; run 'oppload tune --figure position'"
     right, up = (column_of(tuning, end, wanted, of=2) for end in (".right", ".up"))
     across = _NARROWEST if len(curves) > 1 else style.TITLE_WIDTH
-    labels = (style.described(right), style.described(up))
+    labels = (described(right), described(up))
     # Without the room for each line of the title, the panel would be drawn over the foot.
     above = 0.25 + 0.14 * style.wrapped(request.title, style.TITLE_WIDTH).count("\n")
     places = (np.unique(tuning.rows[name].to_numpy(float)) for name in (right, up))
@@ -253,7 +144,7 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
     low, high = BOTH_ENDS_OVER_ONE
     note = f"\nboth / one in LPLC2 neurons: {low:.1f} to {high:.1f}" * request.published
     across = _NARROW if len(curves) > 1 else style.TITLE_WIDTH
-    labels = (style.described(axis), "peak / largest peak")
+    labels = (described(axis), "peak / largest peak")
     with _panels(len(curves), labels, 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             both, one = (
@@ -363,7 +254,7 @@ def _contrast(tuning: Tuning, luminance: Series) -> Series:
 
     Raises ResultError if the luminance of the ground is not known, or the ground is black.
     """
-    first = style.first_stimulus(tuning)
+    first = first_stimulus(tuning)
     try:
         ground = float(first["display"]["background"])
         if first.get("effects", {}).get("invert"):

@@ -10,7 +10,14 @@ import numpy as np
 
 from oppload_cli.errors import ResultError, StimulusError
 from oppload_cli.plots import style
-from oppload_cli.plots.classic import Request, TuningCurve, column_of, legend_above
+from oppload_cli.plots.tuning_curves import (
+    Request,
+    TuningCurve,
+    column_of,
+    described,
+    first_stimulus,
+    legend_above,
+)
 from oppload_cli.reference import AngularThreshold, angular_thresholds
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.stimulus.geometry import Projection
@@ -180,7 +187,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
             axes[-1].set_ylabel("size at peak (deg)")
             axes[-1].set_ylim(0, 190)  # above 180, so that no point is cut
             axes[-1].set_yticks(range(0, 181, 45))
-        axes[-1].set_xlabel(style.described("l_over_v_ms"))
+        axes[-1].set_xlabel(described("l_over_v_ms"))
         axes[-1].set_xlim(left=0)
         if top is not None and axes[0].get_ylim()[1] > top:
             axes[0].set_ylim(-top / 8, top)
@@ -216,7 +223,7 @@ def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | 
     if len(np.unique(l_over_v_ms)) < 3:
         return None
     try:
-        step = float(1 / Fraction(style.first_stimulus(tuning)["display"]["frame_rate"]))
+        step = float(1 / Fraction(first_stimulus(tuning)["display"]["frame_rate"]))
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         step = 0.0
     return PeakTimes.through(l_over_v_ms / 1000, before_s, step)
@@ -254,7 +261,7 @@ def _draw_field(axes: Sequence[Axes], tuning: Tuning) -> None:
 
 def _largest_angle(tuning: Tuning) -> float | None:
     """Return the smaller of two angles: of the display, and at which the object stops growing."""
-    first = style.first_stimulus(tuning)
+    first = first_stimulus(tuning)
     try:
         display = Display.from_table(first["display"], "display")
         half = min(display.width, display.height) / 2

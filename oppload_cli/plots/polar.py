@@ -13,6 +13,7 @@ from matplotlib.transforms import ScaledTranslation
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import alarm_floor_of, is_rounding_error
 from oppload_cli.plots import style
+from oppload_cli.plots.tuning_curves import first_stimulus
 from oppload_cli.reference import BAR_WIDTHS, bar_tuning
 from oppload_cli.stimulus.catalogue import entries
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-    from oppload_cli.plots.classic import Request, TuningCurve
+    from oppload_cli.plots.tuning_curves import Request, TuningCurve
     from oppload_cli.results.reading import Series, Tuning
 
 _TURN = 2 * np.pi
@@ -207,7 +208,7 @@ def _bar_width(tunings: Sequence[Tuning]) -> int | None:
 
 def _as_published(tuning: Tuning) -> bool:
     """Return whether the stimulus looks as in the catalogue, whatever the axis of its bar is."""
-    first = style.first_stimulus(tuning)
+    first = first_stimulus(tuning)
     if not first:  # without a sidecar, only the name is known
         return True
     known = [each for each in entries() if each.name == tuning.name]

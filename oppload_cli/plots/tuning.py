@@ -12,9 +12,17 @@ from matplotlib.colors import LogNorm, Normalize
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.plots import style
-from oppload_cli.plots.classic import FIGURES, Request, TuningCurve, legend_above
+from oppload_cli.plots.classic import FIGURES
 from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
+from oppload_cli.plots.naming import indicator_of, labels_of
 from oppload_cli.plots.polar import direction_tuning, direction_tunings, plot_polar
+from oppload_cli.plots.tuning_curves import (
+    Request,
+    TuningCurve,
+    described,
+    first_stimulus,
+    legend_above,
+)
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import Tuning
 from oppload_cli.stimulus.catalogue import in_toml
@@ -98,7 +106,7 @@ def plot_tuning(
     'speed (deg/s)'
     """
     tunings, models = style.as_list(tunings, Tuning), style.names_in(models)
-    names = style.labels_of(tunings, labels)
+    names = labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(
             f"a tuning plot has the scale peak or raw, not '{scale}'; choose one of them"
@@ -155,7 +163,7 @@ def lines_of(
     kinds have no lines. The parameters are those of :func:`plot_tuning`.
     """
     kind = kind or kind_of(tunings[0])
-    request = Request(tunings, models, style.labels_of(tunings, labels), lplc2=lplc2)
+    request = Request(tunings, models, labels_of(tunings, labels), lplc2=lplc2)
     if kind == "polar":
         request = request._replace(tunings=[_reduced(each) for each in tunings])
         return [each.line() for each in direction_tunings(request)]
@@ -209,7 +217,7 @@ def _title(tunings: Sequence[Tuning], kind: str) -> str:
     first = tunings[0]
     figure = first.sidecar.get("figure", {}) if kind == kind_of(first) else {}
     title = str(figure.get("title", first.name)) if len(tunings) == 1 else ""
-    indicators = {style.indicator_of(each.sidecar) for each in tunings}
+    indicators = {indicator_of(each.sidecar) for each in tunings}
     through = f"through an {indicators.pop()}" if len(indicators) == 1 and all(indicators) else ""
     return ", ".join(filter(None, (title, through)))
 
@@ -226,7 +234,7 @@ def _settings_of(tuning: Tuning) -> str:
     sidecar = tuning.sidecar
     if "preset" not in sidecar:
         return ""
-    display = style.first_stimulus(tuning).get("display", {})
+    display = first_stimulus(tuning).get("display", {})
     height = sidecar.get("height") or display.get("height")
     stated = dict(sidecar.get("changed", {}))
     changes = sidecar.get("stimulus", {}).get("changes")
@@ -286,7 +294,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
             panel.set_ylabel(f"peak response ({unit})" if raw else "peak / largest peak")
             if not many:
                 style.legend_over(panel)
-        axes[-1].set_xlabel(style.described(parameter))
+        axes[-1].set_xlabel(described(parameter))
         if many:
             legend_above(figure, axes[0], title, 2)
         else:
@@ -320,7 +328,7 @@ def _plot_small_lines(
             look = {"color": curve.detector.colour, "marker": "o"}
             _draw_line(panel, curve, parameter, look, raw=raw)
             _name_small(panel, curve, curve.largest)
-        figure.supxlabel(style.described(parameter), fontsize=7.5)
+        figure.supxlabel(described(parameter), fontsize=7.5)
         figure.supylabel("peak response" if raw else "peak / largest peak", fontsize=7.5)
     return figure, axes
 
@@ -404,8 +412,8 @@ def _plot_small_heats(curves: Sequence[TuningCurve], title: str) -> tuple[Figure
         norm = LogNorm(10.0**-style.DECADES, 1.0, clip=True)
         for panel, curve in zip(axes, curves, strict=True):
             image = _draw_heat(panel, curve, norm, small=True)
-        figure.supxlabel(style.described(across), fontsize=7.5)
-        figure.supylabel(style.described(up), fontsize=7.5)
+        figure.supxlabel(described(across), fontsize=7.5)
+        figure.supylabel(described(up), fontsize=7.5)
         bar = "peak / largest peak"
         style.colour_bar(figure, image, axes, bar, shrink=0.7, pad=0.02, extend="min")
     return figure, axes
@@ -443,8 +451,8 @@ def _draw_heat(
                 text = f"{value:.2g}" if value >= least else f"<{least:.2g}"
                 ink = "black" if norm(value) > 0.55 else "white"
                 axes.text(*place, text, ha="center", va="center", color=ink, size=6)
-    axes.set_xlabel(style.described(across))
-    axes.set_ylabel(style.described(up))
+    axes.set_xlabel(described(across))
+    axes.set_ylabel(described(up))
     title = f"{curve.name}, largest peak {style.short_number(largest)} ({curve.detector.unit})"
     axes.set_title(style.wrapped(title + curve.doubts, style.TITLE_WIDTH))
     return image

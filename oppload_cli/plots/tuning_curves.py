@@ -1,0 +1,172 @@
+"""The curves of tuning tables and the labels of their axes, for all kinds of plots of tuning."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+
+import numpy as np
+
+from oppload_cli.errors import ResultError
+from oppload_cli.models.registry import detector_named
+from oppload_cli.plots import style
+from oppload_cli.schema import Parameter, Table
+from oppload_cli.stimulus import Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from oppload_cli.models.detector import Detector
+    from oppload_cli.results.reading import Series, Tuning
+
+
+class TuningCurve(NamedTuple):
+    """The peaks of one detector in a table: a curve of a figure, or a panel."""
+
+    tuning: Tuning
+    detector: type[Detector]
+    table: str  # its name if there are several tables, else empty
+    rows: pd.DataFrame  # of the detector
+    look: dict[str, Any]  # line properties of matplotlib
+
+    @property
+    def peaks(self) -> Series:
+        """The peak in each row."""
+        return self.rows["peak"].to_numpy(float)
+
+    @property
+    def largest(self) -> float:
+        """The largest peak."""
+        return float(self.peaks.max())
+
+    @property
+    def doubts(self) -> str:
+        """Why the curve means little, from the sidecar; a line break before each reason."""
+        return "".join(
+            f"\n{doubt.get('note')}"
+            for doubt in self.tuning.sidecar.get("doubts", ())
+            if isinstance(doubt, dict) and doubt.get("model") == self.detector.name
+        )
+
+    @property
+    def name(self) -> str:
+        """The name of the detector, after that of the table if there are several tables."""
+        return f"{self.table}: {self.detector.label}" if self.table else self.detector.label
+
+    @property
+    def label(self) -> str:
+        """The name with the largest peak, for a legend."""
+        largest = f"largest peak {style.short_number(self.largest)} ({self.detector.unit})"
+        return style.wrapped(f"{self.name}, {largest}{self.doubts}", style.LEGEND_WIDTH)
+
+    def over_largest(self, across: str, up: str) -> tuple[pd.DataFrame, float]:
+        """Return a map of the peaks divided by the largest one, and the largest one.
+
+        The map has a column for each value of the parameter `across`, and a row for each of `up`.
+        """
+        peaks = self.rows.pivot_table(index=up, columns=across, values="peak")
+        largest = float(np.nanmax(peaks))
+        return peaks / (largest or 1.0), largest
+
+
+class Request(NamedTuple):
+    """Tables to draw, at least one, and how to draw them."""
+
+    tunings: Sequence[Tuning]
+    models: Sequence[str]  # the detectors to draw; none for all
+    names: Sequence[str]  # a name for each table
+    title: str = ""
+    published: bool = False  # whether published neurons are drawn too
+    raw: bool = False  # whether peaks are drawn in their unit, not over the largest one
+    lplc2: str = "auto"  # the bar whose LPLC2 tuning a polar plot shows
+
+    def curves(self) -> list[TuningCurve]:
+        """Return the curves, table by table; raise ResultError if no table has a detector."""
+        for model in self.models:
+            if all(tuning.of(model).empty for tuning in self.tunings):
+                raise ResultError(
+                    f"{self.tunings[0].path}: column 'model' never holds '{model}'; leave it out"
+                )
+        shown = [
+            (tuning, detector_named(model), name * (len(self.tunings) > 1), rows)
+            for tuning, name in zip(self.tunings, self.names, strict=True)
+            for model in self.models or tuning.models
+            if len(rows := tuning.of(model))
+        ]
+        looks = style.looks_of([detector.name for _, detector, _, _ in shown])
+        return [TuningCurve(*each, look) for each, look in zip(shown, looks, strict=True)]
+
+    def of_one_table(self, figure: str) -> list[TuningCurve]:
+        """Return the curves in the table's order; raise ResultError if there are more tables."""
+        tuning, *others = self.tunings
+        if others:
+            raise ResultError(f"{others[0].path}: {figure} shows one table; plot them separately")
+        return sorted(self.curves(), key=lambda curve: tuning.models.index(curve.detector.name))
+
+
+def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
+    """Return the one swept column with an ending, in a table with `of` swept columns.
+
+    Raises
+    ------
+    ResultError
+        If not exactly one column has the ending, or the number of swept columns is another; the
+        message says that the figure needs `wanted`.
+    """
+    found = [name for name in tuning.parameters if name.endswith(ending)]
+    if len(found) != 1 or len(tuning.parameters) != of:
+        swept = " and ".join(tuning.parameters)
+        raise ResultError(f"{tuning.path}: sweeps '{swept}', not {wanted}")
+    return found[0]
+
+
+def legend_above(figure: Figure, axes: Axes, title: str, columns: int = 1) -> None:
+    """Write title and legend above the panels, so that they cover no point of a curve."""
+    figure.legend(
+        *axes.get_legend_handles_labels(), loc="outside upper left", ncols=columns,
+        title=style.wrapped(title, style.TITLE_WIDTH) or None, title_fontsize=8, alignment="left",
+        borderaxespad=0.1, handlelength=2.6,
+    )  # fmt: skip
+
+
+def first_stimulus(tuning: Tuning) -> dict[str, Any]:
+    """Return the protocol of a table's first stimulus from the sidecar, without damaged parts."""
+    first = tuning.sidecar.get("stimulus", {}).get("first")
+    types = {"display": dict, "object": list}
+    items = first.items() if isinstance(first, dict) else ()
+    return {key: value for key, value in items if isinstance(value, types.get(key, object))}
+
+
+def described(parameter: str) -> str:
+    """Return the label of an axis: ``speed (deg/s)`` for the parameter ``disk.speed_deg_s``."""
+    *_, owner, leaf = ("", *parameter.split("."))
+    if leaf in {"right", "up"}:  # the two numbers of a position
+        return f"{leaf} (deg)"
+    if leaf == "l_over_v_ms":
+        return "l/v (ms)"
+    if leaf == "end_deg":
+        return "final size (deg)"
+    unit = _units().get(leaf, "")
+    ending = unit.lower().replace("1/", "per_").replace("/", "_")
+    if unit and leaf.endswith(f"_{ending}"):
+        return f"{leaf.removesuffix(f'_{ending}').replace('_', ' ')} ({unit})"
+    return f"{owner} {leaf}".replace("_", " ").strip() + f" ({unit})" * bool(unit)
+
+
+@cache
+def _units() -> dict[str, str]:
+    """Return the units of the keys of a protocol."""
+    return {each.name: each.unit for each in _declared(Protocol) if each.unit}
+
+
+def _declared(table: type[Table]) -> Iterator[Parameter]:
+    """Yield the keys of a table, and of the tables in this table."""
+    for each in table.declared():
+        yield each
+        inner = (get_args(each.type) or (each.type,))[0]
+        if isinstance(inner, type) and issubclass(inner, Table):
+            yield from _declared(inner)
