@@ -279,16 +279,15 @@ def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
 
 
 def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
-    """Return panels of one input each, or, of a single input, panels of one detector each.
+    """Return panels of one input each; of a single input, or of a single detector, of one curve.
 
     The curves have the colours of their detectors.
     """
-    if len({curve.number for curves in panels for curve in curves}) == 1:
-        return [[replace(curve, dash="-")] for curves in panels for curve in curves]
-    if len({curve.number for curve in panels[0]}) == 1:
+    inputs = {curve.number for curves in panels for curve in curves}
+    if len(inputs) > 1 and len({curve.number for curve in panels[0]}) == 1:
         return [list(curves) for curves in panels]
-    shown = detector_named(panels[0][0].detector)
-    return [[replace(each, name=shown.label, colour=shown.colour, dash="-")] for each in panels[0]]
+    curves = [(curve, detector_named(curve.detector)) for curves in panels for curve in curves]
+    return [[replace(one, name=of.label, colour=of.colour, dash="-")] for one, of in curves]
 
 
 def _names(panels: Sequence[Sequence[Curve]]) -> list[str]:
