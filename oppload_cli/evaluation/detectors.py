@@ -94,10 +94,8 @@ def evaluated_detectors(
     _, others = _by_presets()
     own = [name for name in chosen if name not in others] or _usual()
     rest = [name for name in others if detectors()[name].evaluated or name in chosen]
-    found = [
-        _evaluated(name, repeats, assignments, config=config, height=height)
-        for name in (*own, *rest)
-    ]
+    options = {"repeats": repeats, "assignments": assignments, "config": config, "height": height}
+    found = [_evaluated(name, **options) for name in (*own, *rest)]
     sets = {*(each.detector for each in found), "alarm", "repeats", "time"}
     for assignment in assignments:
         name = assignment.partition(".")[0].strip()
@@ -149,29 +147,16 @@ def _full_names(names: Iterable[str], usual: str = DEFAULT_PRESET) -> list[str]:
     return list(dict.fromkeys(full))
 
 
-def _evaluated(
-    full_name: str,
-    repeats: str | None = None,
-    assignments: Sequence[str] = (),
-    *,
-    config: Path | None = None,
-    height: str | None = None,
-) -> EvaluatedDetector:
+def _evaluated(full_name: str, **options: Any) -> EvaluatedDetector:
+    """Return a detector with the parameters that `resolve` gives for these options."""
     name, _, preset = full_name.partition(":")
     preset = preset or DEFAULT_PRESET
     detector = detectors()[name]
-    settings = resolve(
-        preset=preset,
-        config=config,
-        models=[name],
-        height=height,
-        repeats=repeats,
-        assignments=assignments,
-    )
+    settings = resolve(preset=preset, models=[name], **options)
     for size, degrees in settings.angles.items():
         raise ParameterError(
             f"{size}={degrees:g}deg: the fields of view of labelled clips are not known; give the "
-            f"size in pixels"
+            "size in pixels"
         )
     # Detectors whose alarms are equal in all of their parameters can share one pass.
     settings = settings.with_all_detectors()

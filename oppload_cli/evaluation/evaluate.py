@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.manifest import Entry, Manifest
-    from oppload_cli.evaluation.metrics.clips import Label, Numbers
+    from oppload_cli.evaluation.metrics.clips import Numbers
     from oppload_cli.models.detector import Box
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.stimulus.protocol import Protocol
@@ -125,7 +125,7 @@ def analyse_clips(
 
 
 def _analyse_video(
-    entries: Sequence[Entry], detectors: Sequence[EvaluatedDetector], threads: int = 0
+    entries: Sequence[Entry], detectors: Sequence[EvaluatedDetector], threads: int
 ) -> list[_Analysed]:
     """Run detectors over the clips of one video, and decode it once for each working height.
 
@@ -154,13 +154,18 @@ def _analyse_video(
         if unfit := _fault_of(clip):
             analysed.append(_Analysed(None, [f"{name}: {unfit}"]))
         else:
-            beyond = _boxes_beyond(entry.label, len(clip))
-            analysed.append(_Analysed(clip, [*damage, *beyond]))
+            beyond = [
+                f"{name}: the box of frame {frame} is beyond its last frame, {len(clip) - 1}; "
+                "correct it"
+                for frame in sorted(entry.label.boxes)
+                if frame >= len(clip)
+            ]
+            analysed.append(_Analysed(clip, damage + beyond))
     return analysed
 
 
 def _opened(
-    path: Path | Protocol, height: int, threads: int = 0
+    path: Path | Protocol, height: int, threads: int
 ) -> AbstractContextManager[DecodedSource]:
     """Open a video, or a stimulus that is drawn frame by frame."""
     if isinstance(path, Path):
@@ -183,14 +188,6 @@ def _fault_of(clip: Clip) -> str:
             "leave it out"
         )
     return ""
-
-
-def _boxes_beyond(label: Label, frames: int) -> list[str]:
-    return [
-        f"{label.name}: the box of frame {frame} is beyond its last frame, {frames - 1}; correct it"
-        for frame in sorted(label.boxes)
-        if frame >= frames
-    ]
 
 
 def outputs_of(
@@ -240,7 +237,9 @@ def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetect
 def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Output:
     name = detector.detector
     found = [record.responses.get(name) for record in records]
-    response = _with_zeros(np.array([each and each.response for each in found], float))
+    response = np.array([each and each.response for each in found], float)
+    known = ~np.isnan(response)
+    response[np.logical_or.accumulate(known) & ~known] = 0.0  # missing after the first response
     alarm = None
     if detector.alarm.on:
         alarm = np.array([record.alarms.get(name, False) for record in records], bool)
@@ -260,9 +259,3 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
 
 def _boxes(boxes: Iterable[Box | None]) -> Numbers:
     return np.array([box or [None] * 4 for box in boxes], float)
-
-
-def _with_zeros(response: Numbers) -> Numbers:
-    """Replace each missing response after the first response by 0."""
-    known = ~np.isnan(response)
-    return np.where(known | ~np.logical_or.accumulate(known), response, 0.0)

@@ -341,7 +341,7 @@ def _manifest_in(inputs: Sequence[str]) -> Path | None:
 
 
 def _protocols_of(
-    names: Sequence[str], settings: Table, backgrounds: Sequence[str] = ()
+    names: Sequence[str], settings: Table, backgrounds: Sequence[str]
 ) -> list[Protocol]:
     """Return the protocols of the stimuli to evaluate.
 

@@ -263,7 +263,6 @@ class _Place(NamedTuple):
     """The distance between the winning unit and the labelled box in one frame."""
 
     clip: int  # its position
-    frame: int
     near: bool  # whether the frame is at most 15 frames before contact
     distance_px: float  # of the centres, in source pixels; NaN without a winning unit
     distance_diagonals: float  # the same in diagonals of the box
@@ -281,7 +280,7 @@ def places(clips: Sequence[Clip], detector: str) -> list[_Place]:
         for frame, box in sorted(clip.label.boxes.items()):
             if clip.first <= frame < len(clip):
                 near = contact is not None and contact - NEAR_CONTACT <= frame <= contact
-                found.append(_Place(index, frame, near, *_compared(centres[frame], box)))
+                found.append(_Place(index, near, *_compared(centres[frame], box)))
     return found
 
 
