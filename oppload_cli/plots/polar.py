@@ -155,11 +155,17 @@ def direction_tunings(request: Request) -> list[DirectionTuning]:
         width = int(request.lplc2) if request.lplc2.isdigit() else None
     reference = bar_tuning(width) if width else {}
     if reference:
-        angles, values = full_circle(np.array(list(reference)), np.array(list(reference.values())))
         look = {"color": style.LPLC2, "marker": "s", "markersize": 2.5, "lw": 0.9, "linestyle": ":"}
-        name = f"LPLC2, {width} deg bar"
-        curves.append(DirectionTuning(name, angles, values, "of the loom", look, symmetric=True))
+        curves.append(symmetric_tuning(f"LPLC2, {width} deg bar", reference, "of the loom", look))
     return curves
+
+
+def symmetric_tuning(
+    name: str, peaks: Mapping[Any, float], unit: str, look: dict[str, Any]
+) -> DirectionTuning:
+    """Return the curve of peaks by axis in degrees, as :class:`DirectionTuning` takes them."""
+    angles, values = np.array(list(peaks), float), np.array(list(peaks.values()))
+    return DirectionTuning(name, *full_circle(angles, values), unit, look, symmetric=True)
 
 
 def direction_tuning(curve: TuningCurve) -> DirectionTuning:

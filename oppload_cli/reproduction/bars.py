@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.lines import Line2D
 
-from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle, spread
+from oppload_cli.plots.polar import draw_polar, spread, symmetric_tuning
 from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, styled_figure
 from oppload_cli.reference import BAR_WIDTHS, SOURCE, bar_tuning
 from oppload_cli.reproduction.claims import (
@@ -384,19 +384,14 @@ def draw_beside_neurons(
     The bar has a `width` of 10 or 60 degrees. `models` has two curves by their names in the legend:
     peaks in `unit` by axis in degrees, 0 to 180.
     """
-    looks = (CYCLE[0], "-"), (CYCLE[2], "--")
+    shown = [(name, peaks, unit) for name, peaks in models.items()]
+    shown.append(("LPLC2", bar_tuning(width), "of the loom"))
+    looks = (CYCLE[0], "-"), (CYCLE[2], "--"), (LPLC2, ":")
     curves = [
-        _curve(name, peaks, unit, *look)
-        for (name, peaks), look in zip(models.items(), looks, strict=True)
+        symmetric_tuning(
+            *each, {"color": colour, "linestyle": dash, "marker": "o", "markersize": 2}
+        )
+        for each, (colour, dash) in zip(shown, looks, strict=True)
     ]
-    curves.append(_curve("LPLC2", bar_tuning(width), "of the loom", LPLC2, ":"))
     draw_polar(panel, curves)
     panel.set_title(f"{width} deg bar", loc="center", pad=8)
-
-
-def _curve(
-    name: str, peaks: Mapping[Any, float], unit: str, colour: str, dash: str
-) -> DirectionTuning:
-    closed = full_circle(np.array(list(peaks), float), np.array(list(peaks.values())))
-    look = {"color": colour, "linestyle": dash, "marker": "o", "markersize": 2}
-    return DirectionTuning(name, *closed, unit, look)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oppload_cli.evaluation.metrics.clips import videos_of
+from oppload_cli.evaluation.metrics.clips import EPSILON_S, videos_of
 from oppload_cli.evaluation.metrics.intervals import (
     Estimate,
     Measurement,
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 
 SILENCE_S = 1.0  # crossings of the threshold with less time between them are one alarm
-_ROUNDING_S = 1e-6  # of the times of frames
 RATES = (0.5, 1.0, 2.0)  # false alarms per minute
 AT_ONE = "at 1 per minute"  # the condition under which the page compares detectors
 SHIPPED = "alarm as shipped"
@@ -177,7 +176,7 @@ def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers) -> NDArray[np.i
     A frame begins an alarm at each level that is below its evidence, but not below the evidence of
     any frame before it of which it would continue the alarm.
     """
-    begin = np.searchsorted(time_s, time_s - SILENCE_S + _ROUNDING_S, side="right")
+    begin = np.searchsorted(time_s, time_s - SILENCE_S + EPSILON_S, side="right")
     begin = np.minimum(begin, np.maximum(np.arange(len(time_s)) - 1, 0))
     before = [evidence[first:last].max(initial=-np.inf) for last, first in enumerate(begin)]
 
@@ -195,7 +194,7 @@ def _alarms_in(above: Flags, time_s: Numbers) -> int:
     are one alarm, also if more than a second lies between them.
     """
     frames = np.flatnonzero(above)
-    apart = (np.diff(frames) > 1) & (np.diff(time_s[frames]) >= SILENCE_S - _ROUNDING_S)
+    apart = (np.diff(frames) > 1) & (np.diff(time_s[frames]) >= SILENCE_S - EPSILON_S)
     return min(len(frames), 1) + int(apart.sum())
 
 
