@@ -12,13 +12,12 @@ from matplotlib.ticker import MaxNLocator
 
 from oppload_cli.errors import ResultError
 from oppload_cli.plots import style
-from oppload_cli.plots.tuning_curves import column_of, described, first_stimulus, legend_above
+from oppload_cli.plots.tuning_curves import column_of, described, first_stimulus
 from oppload_cli.reference import BOTH_ENDS_OVER_ONE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -64,7 +63,7 @@ def _single(request: Request, curves: Sequence[TuningCurve]) -> Iterator[tuple[F
     with style.styled_figure(style.COLUMN if few else style.PAGE, height) as figure:
         panel = figure.subplots()
         yield figure, panel
-        legend_above(figure, panel, request.title, 1 if few else 2)
+        style.legend_over_figure(figure, panel, request.title, 1 if few else 2)
 
 
 # ---- Position -------------------------------------------------------------------------------
@@ -147,9 +146,11 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
     labels = (described(axis), "peak / largest peak")
     with _panels(len(curves), labels, 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
+            # From 0 to 360 and rounded, so that the opposite axis is found.
+            axes_deg = curve.rows[axis].astype(float).round(6) % 360
             both, one = (
-                dict(sorted(zip(_turns(some[axis]), some["peak"].astype(float), strict=True)))
-                for some in (curve.rows[curve.rows[sides] == side] for side in ("both", "forward"))
+                curve.rows[curve.rows[sides] == side].groupby(axes_deg)["peak"].max().to_dict()
+                for side in ("both", "forward")
             )
             largest = max(*both.values(), *one.values())
             _draw_ends(panel, both, one, largest, curve.detector.colour)
@@ -159,7 +160,7 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
         # The panels share an axis, whose range is that of the last call: for the highest panel.
         for panel in sorted(axes, key=lambda panel: panel.dataLim.y1):
             style.begin_at_zero(panel)
-        legend_above(figure, axes[0], style.wrapped(request.title, style.TITLE_WIDTH) + note)
+        style.legend_over_figure(figure, axes[0], request.title + note)
         for handle in figure.legends[0].legend_handles:
             if isinstance(handle, Line2D) and len(axes) > 1:  # for all colours
                 handle.set_color(style.INK)
@@ -168,8 +169,8 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
 
 def _draw_ends(
     axes: Axes,
-    both: Mapping[float, float],
-    one: Mapping[float, float],
+    both: Mapping[Any, float],
+    one: Mapping[Any, float],
     largest: float,
     colour: str,
 ) -> None:
@@ -188,7 +189,7 @@ def _draw_ends(
     axes.set_xticks(range(0, 361, 90))
 
 
-def _both_over_one(both: Mapping[float, float], one: Mapping[float, float]) -> str:
+def _both_over_one(both: Mapping[Any, float], one: Mapping[Any, float]) -> str:
     """Return the range over axes of the peak for both ends / the larger peak for one end.
 
     The peaks are given by axis in degrees; for one end, this is the direction of its growth. The
@@ -204,11 +205,6 @@ def _both_over_one(both: Mapping[float, float], one: Mapping[float, float]) -> s
         return "not known: no response"
     least, most = _ratio(min(ratios)), _ratio(max(ratios))
     return least if least == most else f"{least} to {most}"
-
-
-def _turns(axes: pd.Series[float]) -> pd.Series[float]:
-    """Return axes in degrees from 0 to 360, so that opposite ones are found; 360 becomes 0."""
-    return axes.astype(float).round(6) % 360
 
 
 def _opposite(axis: float) -> float:

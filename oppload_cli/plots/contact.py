@@ -16,7 +16,6 @@ from oppload_cli.plots.tuning_curves import (
     column_of,
     described,
     first_stimulus,
-    legend_above,
 )
 from oppload_cli.reference import AngularThreshold, angular_thresholds
 from oppload_cli.results.cells import check_numbers
@@ -191,7 +190,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         axes[-1].set_xlim(left=0)
         if top is not None and axes[0].get_ylim()[1] > top:
             axes[0].set_ylim(-top / 8, top)
-        legend_above(figure, axes[0], request.title, 1 if few else 2)
+        style.legend_over_figure(figure, axes[0], request.title, 1 if few else 2)
         figure.set_figheight(min(style.MOST_HEIGHT, height + 0.14 * more / (1 if few else 2)))
     return figure, axes
 

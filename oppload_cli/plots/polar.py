@@ -13,7 +13,7 @@ from matplotlib.transforms import ScaledTranslation
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import alarm_floor_of, is_rounding_error
 from oppload_cli.plots import style
-from oppload_cli.plots.tuning_curves import first_stimulus
+from oppload_cli.plots.tuning_curves import Request, TuningCurve, first_stimulus
 from oppload_cli.reference import BAR_WIDTHS, bar_tuning
 from oppload_cli.stimulus.catalogue import entries
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-    from oppload_cli.plots.tuning_curves import Request, TuningCurve
     from oppload_cli.results.reading import Series, Tuning
 
 _TURN = 2 * np.pi

@@ -138,6 +138,15 @@ def legend_over(axes: Axes, **options: Any) -> Legend:
     return axes.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, **options)
 
 
+def legend_over_figure(figure: Figure, axes: Axes, title: str, columns: int = 1) -> None:
+    """Write title and legend above the panels, so that they cover no point of a curve."""
+    figure.legend(
+        *axes.get_legend_handles_labels(), loc="outside upper left", ncols=columns,
+        title=wrapped(title, TITLE_WIDTH) or None, title_fontsize=8, alignment="left",
+        borderaxespad=0.1, handlelength=2.6,
+    )  # fmt: skip
+
+
 def write_title(figure: Figure, title: str | None, width: int = TITLE_WIDTH) -> None:
     """Write the title of a figure, if it has one, in lines of at most `width` characters."""
     if title:

@@ -16,13 +16,7 @@ from oppload_cli.plots.classic import FIGURES
 from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
 from oppload_cli.plots.naming import indicator_of, labels_of
 from oppload_cli.plots.polar import direction_tuning, direction_tunings, plot_polar
-from oppload_cli.plots.tuning_curves import (
-    Request,
-    TuningCurve,
-    described,
-    first_stimulus,
-    legend_above,
-)
+from oppload_cli.plots.tuning_curves import Request, TuningCurve, described, first_stimulus
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import Tuning
 from oppload_cli.stimulus.catalogue import in_toml
@@ -296,7 +290,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
                 style.legend_over(panel)
         axes[-1].set_xlabel(described(parameter))
         if many:
-            legend_above(figure, axes[0], title, 2)
+            style.legend_over_figure(figure, axes[0], title, 2)
         else:
             labels = axes[0].get_legend_handles_labels()[1]
             above = sum(each.count("\n") + 1 for each in labels)

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     import pandas as pd
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from oppload_cli.models.detector import Detector
     from oppload_cli.results.reading import Series, Tuning
@@ -122,15 +120,6 @@ def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
         swept = " and ".join(tuning.parameters)
         raise ResultError(f"{tuning.path}: sweeps '{swept}', not {wanted}")
     return found[0]
-
-
-def legend_above(figure: Figure, axes: Axes, title: str, columns: int = 1) -> None:
-    """Write title and legend above the panels, so that they cover no point of a curve."""
-    figure.legend(
-        *axes.get_legend_handles_labels(), loc="outside upper left", ncols=columns,
-        title=style.wrapped(title, style.TITLE_WIDTH) or None, title_fontsize=8, alignment="left",
-        borderaxespad=0.1, handlelength=2.6,
-    )  # fmt: skip
 
 
 def first_stimulus(tuning: Tuning) -> dict[str, Any]:
