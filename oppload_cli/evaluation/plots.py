@@ -10,7 +10,7 @@ from oppload_cli.errors import counted
 from oppload_cli.evaluation.detectors import label_of
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, RATES
 from oppload_cli.evaluation.metrics.clips import AHEAD
-from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
+from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.registry import detectors
 from oppload_cli.plots.style import DASHES, FAINT, INK, plain, styled_figure
 
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     Performances = Mapping[str, Performance]
 
 
-_COLOURS = ("#009E73", "#CC79A7")  # of presets other than the default; from Okabe and Ito's palette
+# Of detectors under these presets, from Okabe and Ito's palette.
+_COLOURS = {"reference": "#009E73", "paper": "#CC79A7"}
 _SIZE = 4.8, 3.5  # inches
 _HIGHEST_RATE = 6.0  # false alarms per minute at the end of the axis
 _SHOWN = 1.6  # the axis of false alarms ends at this multiple of the highest rate
@@ -178,8 +179,7 @@ def _colour_of(full_name: str) -> str:
     name, _, preset = full_name.partition(":")
     if preset in {"", DEFAULT_PRESET}:
         return detectors()[name].colour if name in detectors() else INK
-    others = [each for each in PRESETS if each != DEFAULT_PRESET]
-    return dict(zip(others, _COLOURS, strict=False)).get(preset, INK)
+    return _COLOURS.get(preset, INK)
 
 
 def _legend(axes: Axes) -> None:

@@ -25,9 +25,9 @@ from oppload_cli.reproduction.claims import (
     Verdict,
     described_settings,
     hardly,
-    plain,
     presented,
     settings_of,
+    short,
 )
 from oppload_cli.stimulus.catalogue import load, load_all
 from oppload_cli.stimulus.truth import frame_truth
@@ -269,8 +269,8 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
             "responses, and the axes along the sides of the display the smallest.",
             "The product of opposite motions is neither compressed nor normalised. So a longer "
             "edge along a pathway's axis counts with a power of its length: the response is up to "
-            f"{plain(enhanced)} times that to the looming disk in preset reference, and "
-            f"{plain(enhanced**0.5)} times before enhancing squares it. The model has no "
+            f"{short(enhanced)} times that to the looming disk in preset reference, and "
+            f"{short(enhanced**0.5)} times before enhancing squares it. The model has no "
             "normalising stage and no suppression across axes.",
             _FIELD_NOTE,
         ),
@@ -290,7 +290,7 @@ def _evenness(tunings: _Tunings) -> Finding:
     peaks = tunings.peaks(10).values()
     share = min(peaks) / max(peaks) if max(peaks) > 0 else math.nan
     return tunings.finding(
-        f"The smallest peak is {plain(100 * share)} % of the largest (LPLC2: 78 %).",
+        f"The smallest peak is {short(100 * share)} % of the largest (LPLC2: 78 %).",
         Verdict.at_least(share, 0.75, 0.5),
         {"least_over_largest": share},
         10,
@@ -301,8 +301,8 @@ def _diagonal(tunings: _Tunings) -> Finding:
     mean, largest = _diagonal_ratios(tunings.peaks(60))
     partly = Verdict.IN_PART if mean > 1 else Verdict.DOES_NOT
     return tunings.finding(
-        f"The mean peak of the diagonals is {plain(mean)} times the mean peak and "
-        f"{plain(largest)} times the largest peak of the other axes.",
+        f"The mean peak of the diagonals is {short(mean)} times the mean peak and "
+        f"{short(largest)} times the largest peak of the other axes.",
         Verdict.HOLDS if largest > 1 else partly,
         {"diagonal_over_mean": mean, "diagonal_over_largest": largest},
         60,
@@ -327,9 +327,9 @@ def _likeness(tunings: _Tunings) -> Finding:
     model, neurons = np.array(pairs).T
     difference = float(np.sqrt(np.mean((model - neurons) ** 2)))
     return tunings.finding(
-        f"Root mean square difference {plain(difference)}; the bars give {plain(model.min())} to "
-        f"{plain(model.max())} times the looming disk's response (LPLC2: {plain(neurons.min())} "
-        f"to {plain(neurons.max())}).",
+        f"Root mean square difference {short(difference)}; the bars give {short(model.min())} to "
+        f"{short(model.max())} times the looming disk's response (LPLC2: {short(neurons.min())} "
+        f"to {short(neurons.max())}).",
         Verdict.at_most(difference, 0.1, 0.25),
         {
             "rms_difference": difference,
@@ -353,7 +353,7 @@ def _draw_over_time(tunings: dict[str, _Tunings]) -> Figure:
                         color=shades[_OFF_DIAGONAL.index(abs(axis % 90 - 45))], lw=0.9,
                     )  # fmt: skip
                 panel.axvline(each.edge_deg, color=FAINT, lw=0.7, linestyle="--")
-                panel.set_title(f"{TITLES[preset]}, {width} deg bar (largest {plain(largest)})")
+                panel.set_title(f"{TITLES[preset]}, {width} deg bar (largest {short(largest)})")
                 panel.set_xlim(each.reach[0], _END_DEG)
             row[0].set_ylabel("response / largest")
         for panel in axes[1]:

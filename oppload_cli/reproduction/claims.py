@@ -209,8 +209,8 @@ def presented(
     return {each.name: present(each, settings) for each in protocols}
 
 
-def plain(value: float) -> str:
-    """Return a number with few digits, and without an exponent unless it is very small."""
+def short(value: float) -> str:
+    """Return a number with two digits or, from 99.5 on, without decimals: ``0.25``, ``1,200``."""
     return f"{value:,.0f}" if abs(value) >= 99.5 else f"{value:.2g}"
 
 
@@ -285,7 +285,10 @@ def build(
                 if done:
                     done(each)
 
-    results(partial(_make, form), ordered, jobs, named=_made_by, progress=take)
+    def made_by(maker: str) -> str:
+        return " and ".join(name for name, (each, _) in FIGURES.items() if each == maker)
+
+    results(partial(_make, form), ordered, jobs, named=made_by, progress=take)
     return [made[name] for name in names]
 
 
@@ -301,10 +304,6 @@ def _make(form: str, maker: str) -> list[Built]:
             pictures[form] = style.image_bytes(each.figure, form)
         made.append(replace(each, figure=None, pictures=pictures))
     return made
-
-
-def _made_by(maker: str) -> str:
-    return " and ".join(name for name, (each, _) in FIGURES.items() if each == maker)
 
 
 def pages_of(figures: Sequence[Built], wall_s: float, form: str) -> tuple[dict[str, str], str]:

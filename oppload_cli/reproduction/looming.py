@@ -23,9 +23,9 @@ from oppload_cli.reproduction.claims import (
     Verdict,
     described_settings,
     hardly,
-    plain,
     presented,
     settings_of,
+    short,
 )
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.stimulus.geometry import Projection
@@ -243,8 +243,9 @@ def _earlier(each: dict[str, Responses]) -> Finding:
         for name, shown in each.items()
     }
     peak = {name: _frame_of_peak(responses) for name, responses in each.items()}
+    known = {name: shown.frame[np.isfinite(shown.response)] for name, shown in each.items()}
     words = {
-        name: "at or before frame" if frame == _first(each[name]) else "at frame"
+        name: "at or before frame" if frame == known[name][0] else "at frame"
         for name, frame in onset.items()
     }
     earlier = sum(at["opplod"] < at["dlgmd"] for at in (onset, peak))
@@ -269,11 +270,6 @@ def _stronger(each: dict[str, Responses]) -> Finding:
         Verdict.at_least(share, 0.9, 0.5),
         {"share_above": share},
     )
-
-
-def _first(responses: Responses) -> int:
-    """Return the first frame with a response."""
-    return int(responses.frame[np.argmax(np.isfinite(responses.response))])
 
 
 def _found(centre: tuple[float, float], each: dict[str, Responses]) -> Finding:
@@ -364,7 +360,7 @@ def thresholds() -> Built:
             "directions, sizes and speeds of the catalogue.",
             *(
                 f"{TITLES[preset].capitalize()}: the threshold of {detector_named(detector).label} "
-                f"is its response to {name} ({plain(value)})."
+                f"is its response to {name} ({short(value)})."
                 for preset, each in worst.items()
                 for detector, (name, value) in each.items()
             ),

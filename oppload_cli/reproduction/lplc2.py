@@ -225,7 +225,7 @@ def battery() -> Built:
             "Bars with one or two ends, crosses, inward motion and wide fields have the same "
             "effects as on LPLC2 neurons.",
             "holds: all ratios are in the range of the neurons; in part: at least half of them",
-            {name: _does(each.rows) for name, each in shown.items()},
+            {name: _effects(each.rows) for name, each in shown.items()},
         ),
     )
     return Built(
@@ -265,7 +265,7 @@ def _alike(rows: Sequence[Row]) -> Finding:
     return Finding(text, verdict, {"r": r, "rms": rms})
 
 
-def _does(rows: Sequence[Row]) -> Finding:
+def _effects(rows: Sequence[Row]) -> Finding:
     ratios = phenomena(rows)
     in_range = [low <= value <= high for value, low, high in ratios.values()]
     parts = "; ".join(f"{name}: {_in_words(value)}" for name, (value, _, _) in ratios.items())

@@ -84,8 +84,12 @@ class Verdict(NamedTuple):
 
     def __str__(self) -> str:
         """Return the verdict as a text, such as ``no alarm, peak at 0.2 of the threshold``."""
+        peak = self.peak or 0.0
         if not self.alarms:
-            return f"no alarm{self._silence}"
+            if self.is_uncounted:
+                why = uncounted(self.peak_blind)
+                return f"no alarm, peak at {times(peak)} times the threshold, {why}"
+            return "no alarm" + f", peak at {times(peak)} of the threshold" * bool(peak)
         first, count = self.alarms[0], len(self.alarms)
         many = f", {count} alarms" if count > 1 else ""
         contact_s = first.time_to_contact_s
@@ -93,7 +97,7 @@ class Verdict(NamedTuple):
         largest = f", response up to {times(self.strongest)} times the threshold"
         if self.is_uncounted:
             why = uncounted(self.peak_blind, beside_alarms=True)
-            largest += f" (the peak is {times(self.peak or 0.0)} times, {why})"
+            largest += f" (the peak is {times(peak)} times, {why})"
         if not self.strongest:
             largest = ", response above a threshold of 0"
         elif self.strongest <= 1:
@@ -109,13 +113,6 @@ class Verdict(NamedTuple):
         """Return the verdict for JSON."""
         alarms = [asdict(each) for each in self.alarms]
         return {"alarms": alarms, "peak": self.peak, "peak_blind": self.peak_blind}
-
-    @property
-    def _silence(self) -> str:
-        peak = self.peak or 0.0
-        if self.is_uncounted:
-            return f", peak at {times(peak)} times the threshold, {uncounted(self.peak_blind)}"
-        return f", peak at {times(peak)} of the threshold" if peak else ""
 
 
 # The end of a sentence about a response below the threshold.

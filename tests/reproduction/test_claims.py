@@ -9,8 +9,8 @@ from oppload_cli.reproduction.claims import (
     Finding,
     Verdict,
     hardly,
-    plain,
     settings_of,
+    short,
     stated,
     tally,
 )
@@ -61,7 +61,7 @@ def test_verdicts_sum_up(verdicts: tuple[Verdict, ...], sum_: Verdict, counts: s
 
 def test_numbers_have_an_exponent_only_where_they_are_very_small() -> None:
     values = (1e-6, 0.123, 99.4, 99.7, 1234.5)
-    assert [plain(value) for value in values] == ["1e-06", "0.12", "99", "100", "1,234"]
+    assert [short(value) for value in values] == ["1e-06", "0.12", "99", "100", "1,234"]
 
 
 def test_a_figure_is_judged_per_preset() -> None:

@@ -10,7 +10,15 @@ import pytest
 
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.reproduction.claims import Built, Verdict
-from oppload_cli.reproduction.lplc2 import BATTERY, Row, _alike, _does, _published, phenomena, show
+from oppload_cli.reproduction.lplc2 import (
+    BATTERY,
+    Row,
+    _alike,
+    _effects,
+    _published,
+    phenomena,
+    show,
+)
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import present
 
@@ -62,7 +70,7 @@ def test_phenomena_of_a_silent_model_are_in_no_range() -> None:
         row._replace(peak_over_loom=0.5) if row.stimulus == "bar-expand-20" else row for row in rows
     ]
     assert math.isnan(phenomena(both)["both ends over one end, least"][0])
-    text = _does(rows).text
+    text = _effects(rows).text
     assert "both ends over one end, least: no response to compare; outward cross: 0;" in text
     inward = [
         row._replace(peak_over_loom=0.5) if "corners" in row.stimulus else row for row in rows
@@ -73,7 +81,7 @@ def test_phenomena_of_a_silent_model_are_in_no_range() -> None:
     ]
     assert phenomena(unlike)["outward cross"][0] == 0.5
     assert phenomena(unlike)["sweeps, edges, gratings, largest"][0] == 0.2
-    text = _does(inward).text
+    text = _effects(inward).text
     assert "corners over the bar, largest: infinite, because the second stimulus" in text
 
 
