@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import tomllib
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -38,147 +40,19 @@ _HIGHEST = 3.0  # the top of a strip is at most this multiple of the threshold
 
 
 class _Definition(NamedTuple):
-    """The definition of a measure for the page; the unit of a share is empty."""
+    """The definition of a measure for the page."""
 
     title: str
-    unit: str
     text: str
+    unit: str = ""  # empty for a share
 
 
-CONDITIONS = {
-    "at 0.5, 1, 2 per minute": "An alarm is evidence above one fixed threshold. Evidence is the "
-    "response; within `contact_s` of contact it is the response divided by `contact_share`. The "
-    "threshold is the lowest one such that neither it nor any higher threshold gives more than "
-    "this number of false alarms per minute, over all footage without an approach. It is chosen "
-    "on the same clips on which it is judged, so the results are better than on new clips. Each "
-    "draw of the bootstrap chooses it again.",
-    "held out at 0.5, 1, 2 per minute": "The threshold for a clip is chosen in the same way, but "
-    "on the clips of all other videos (leave one out). Expect these results on a new video.",
-    "alarm as shipped": "The detector's own alarm, as `oppload run` has it. No threshold is "
-    "chosen on these clips. Not determined if the detector's alarms are off, as under preset "
-    "`paper`.",
-}
-MEASURES = {
-    "detection_rate": _Definition(
-        "detection rate",
-        "",
-        "Share of the approaches in which the evidence is above the threshold, or the alarm is on, "
-        "in at least one frame from onset to contact, both included. n: approaches.",
-    ),
-    "lead_time_s": _Definition(
-        "lead time",
-        "s",
-        "Time from the first such frame to contact, median over the detected approaches. Compare "
-        "lead times only at similar detection rates: a detector that detects only the easy "
-        "approaches detects them early. n: detected approaches.",
-    ),
-    "false_alarms_per_minute": _Definition(
-        "false alarms per minute",
-        "1/min",
-        "How often the evidence rises above the threshold, or the alarm starts, in footage "
-        "without an approach: clips labelled none, and the other clips before onset, both without "
-        "warm-up. If this happens less than a second after the last frame with an alarm, it is the "
-        "same false alarm. Also by kind of motion, as the manifest names it. n: clips with such "
-        "footage.",
-    ),
-    "threshold": _Definition(
-        "threshold",
-        "response",
-        "Evidence above the threshold is an alarm; in the detector's own unit. n: clips with "
-        "footage without an approach.",
-    ),
-    "roc_auc": _Definition(
-        "area under the ROC curve",
-        "",
-        "The score of a one-second window is its largest response. Positive windows: the last "
-        "second before contact. Negative windows: the footage without an approach, cut into "
-        "windows. A window of half a second also counts. Equal scores count half. n: windows.",
-    ),
-    "average_precision": _Definition(
-        "average precision",
-        "",
-        "Mean precision over the steps of recall, with the same windows. It depends on the share "
-        "of positive windows. n: windows.",
-    ),
-    "ordered_pairs": _Definition(
-        "ordered pairs within clips",
-        "",
-        "The one-second window that ends some frames before contact is compared with each earlier "
-        "window of the same clip. Share of the pairs in which the later window has the larger "
-        "score; equal scores count half. Mean over clips. Chance gives 0.5. n: pairs.",
-    ),
-    "distinct_ratio": _Definition(
-        "distinct ratio",
-        "",
-        "Largest response from onset to contact, divided by the largest response before onset. If "
-        "less than half a second comes before onset, the divisor is the median of the largest "
-        "responses of the clips labelled none. Median over clips. The responses have different "
-        "scales (OppLoD squares its response), so use the ratio to compare clips and settings, not "
-        "detectors. n: approaches.",
-    ),
-    "place_inside": _Definition(
-        "winning unit inside the box",
-        "",
-        "Share of the frames with a labelled box in which the centre of the winning unit lies "
-        "inside this box, enlarged 1.5 times about its centre. A frame without a winning unit "
-        "counts as outside. 'frame_centre' always points at the centre of the frame. n: frames.",
-    ),
-    "place_distance_px": _Definition(
-        "distance to the box's centre",
-        "source px",
-        "From the centre of the winning unit to the centre of the labelled box, median over the "
-        "frames with both. n: these frames.",
-    ),
-    "place_distance_diagonals": _Definition(
-        "distance to the box's centre",
-        "box diagonals",
-        "The same distance, divided by the diagonal of the box. n: these frames.",
-    ),
-    "alarmed_share": _Definition(
-        "clips with a false alarm",
-        "",
-        "Share of the clips without an approach that have at least one alarm, by kind. Only for "
-        "stimuli. n: clips.",
-    ),
-    "box_overlap": _Definition(
-        "overlap of the boxes",
-        "",
-        "Intersection over union of two boxes, 5 frames before contact: that of the strongest "
-        "looming object that the detector finds, and the part of the true box in the frame. 0 if "
-        "the detector finds no object. Median over the approaches. Only for stimuli. n: approaches "
-        "with a true box in this frame.",
-    ),
-    "contact_within": _Definition(
-        "time to contact within 20 %",
-        "",
-        "Share of the approaches in which the times to contact of the last half second have a "
-        "median error of at most 20 %. An approach without a time to contact counts as a larger "
-        "error. n: approaches.",
-    ),
-    "contact_error": _Definition(
-        "error of the time to contact",
-        "",
-        "Error of the time to contact, divided by the true time. Median over the frames of the "
-        "last half second in which the detector gives a time, then median over the approaches with "
-        "such frames. n: these approaches.",
-    ),
-}
-INTERVALS = (
-    "A bootstrap draws clips with replacement: as many clips with an approach, and as many "
-    "without, as there are. Several approaches in one video are drawn together. The seed is "
-    "fixed; `--draws` sets the number of draws, 1000 by default. 95 % of the draws give a value "
-    "in the interval. The interval says how far a value depends on the choice of clips of these "
-    "kinds; it says nothing about other kinds of clips. For 12 or 40 simulated clips, the "
-    "intervals of shares and rates held the true value in 86 to 99 % of 1000 cases each. A "
-    "threshold chosen on the same clips keeps to its rate of false alarms there, so the interval "
-    "of that rate says nothing about new footage; that of a held-out threshold does. If all draws "
-    "give the same value, the interval is the exact one: that of Clopper and Pearson for a share, "
-    "and that of a Poisson process for a rate. Without a false alarm in T minutes, the upper "
-    "bound of the rate is 3 / T (the rule of three): at a higher rate, a false alarm would have "
-    "come with a probability of more than 95 %."
+_DEFINITIONS = tomllib.loads(
+    resources.files(__package__).joinpath("definitions.toml").read_text(encoding="utf-8")
 )
-
-
+CONDITIONS: dict[str, str] = _DEFINITIONS["conditions"]
+MEASURES = {name: _Definition(**each) for name, each in _DEFINITIONS["measures"].items()}
+INTERVALS: str = _DEFINITIONS["intervals"]
 NO_VALUE = "\N{EN DASH}"
 # Columns of the summary: title, measure, condition.
 _HEADLINE = (
