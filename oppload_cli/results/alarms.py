@@ -40,7 +40,7 @@ class _AlarmEvent:
     # From the start of the alarm to contact, by the first estimate during the alarm.
     time_to_contact_s: float | None = None
     # Whether the alarm began because contact was near: the response was not above the threshold,
-    # but an object had a time to contact. Sidecars before 1.0 do not say it (None).
+    # but an object had a time to contact. None before the first frame.
     near_contact: bool | None = None
 
     def add(self, record: FrameRecord, model: str) -> None:
@@ -62,14 +62,13 @@ class Verdict(NamedTuple):
     """The alarms of one detector for one input, the earliest first.
 
     `peak` is the largest ratio of the response to its threshold; None without a response, or if
-    alarms are switched off. `peak_blind` is the `blind` of the peak's `FrameRecord`. In sidecars
-    before 1.0 it says only whether the frame is blind, or is missing (None).
+    alarms are switched off. `peak_blind` is the `blind` of the peak's `FrameRecord`.
     """
 
     model: str
     alarms: tuple[_AlarmEvent, ...]
     peak: float | None
-    peak_blind: str | bool | None = None
+    peak_blind: str | None = None
 
     @property
     def strongest(self) -> float:
@@ -102,11 +101,8 @@ class Verdict(NamedTuple):
             largest = ", response above a threshold of 0"
         elif self.strongest <= 1:
             best = max(self.alarms, key=lambda each: each.peak_over_threshold)
-            largest += {
-                True: f", {ENOUGH_BEFORE_CONTACT}",
-                False: ", but above the threshold when the alarm began",
-                None: "",
-            }[best.near_contact]
+            above = "but above the threshold when the alarm began"
+            largest += f", {ENOUGH_BEFORE_CONTACT if best.near_contact else above}"
         return f"alarm at {first.start_s:.2f} s (frame {first.start_frame}{contact}){many}{largest}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -125,18 +121,18 @@ _CAUSES = {
 }
 
 
-def uncounted(blind: str | bool | None, *, beside_alarms: bool = False) -> str:
+def uncounted(blind: str | None, *, beside_alarms: bool = False) -> str:
     """Return the end of a sentence: why a response above the threshold caused no alarm.
 
-    `blind` is the `peak_blind` of a `Verdict`. `beside_alarms` says whether the detector had alarms
-    in other frames.
+    `blind` is the `peak_blind` of a `Verdict`, or None if the reason is not known. `beside_alarms`
+    says whether the detector had alarms in other frames.
     """
     short = "soon after an alarm, or was too short" if beside_alarms else "was too short"
     any_cause = "came at the start, a cut, a flash, the end of a rest or after a gap"
     if blind is None:
         reason = f"it {any_cause}, or {'came ' * beside_alarms}{short}"
     elif blind:
-        reason = _CAUSES.get(str(blind), f"it {any_cause}")
+        reason = _CAUSES.get(blind, f"it {any_cause}")
     else:
         reason = f"it {'came ' * beside_alarms}{short}"
     return f"which did not count: {reason}"
@@ -146,7 +142,7 @@ def uncounted_in(alarms: Mapping[str, Any], model: str, *, beside_alarms: bool =
     """Return the end of a sentence as `uncounted` does, from the part ``alarms`` of a sidecar."""
     held = alarms.get(model)
     blind = held.get("peak_blind") if isinstance(held, dict) else None
-    return uncounted(blind if isinstance(blind, bool | str) else None, beside_alarms=beside_alarms)
+    return uncounted(blind if isinstance(blind, str) else None, beside_alarms=beside_alarms)
 
 
 class AlarmLog:
