@@ -52,17 +52,19 @@ def _detection(axes: Axes, performances: Performances) -> None:
 def _detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
     """Return rates of false alarms per minute, which rise, and the detection rate at each.
 
-    Both are empty if there is no approach, or no footage without an approach.
+    The last rate is beyond the axis. Both are empty if there is no approach, or no footage without
+    an approach.
     """
     thresholds = performance.thresholds
     once = np.ones(len(thresholds.minutes), np.int64)
     rates = np.maximum.accumulate(thresholds.rates(once))
-    if np.isnan(thresholds.peaks).all() or not len(rates) or np.isnan(rates).any():
-        return np.empty(0), np.empty(0)
     # Several thresholds may give the same rate: the lowest one detects most.
-    last = np.append(np.diff(rates) > 0, True)
-    detected = [np.nanmean(thresholds.detected(level)) for level in thresholds.levels[last]]
-    return np.append(rates[last], rates[-1] + _HIGHEST_RATE), np.append(detected, detected[-1])
+    last = np.append(np.diff(rates) > 0, True)[: len(rates)] & (rates <= _HIGHEST_RATE)
+    detected = [thresholds.outcomes(level).detected for level in thresholds.levels[last]]
+    if np.isnan(detected).all():  # also without a rate
+        return np.empty(0), np.empty(0)
+    shares = np.nanmean(detected, axis=1)
+    return np.append(rates[last], 2 * _HIGHEST_RATE), np.append(shares, shares[-1])
 
 
 def _roc(axes: Axes, performances: Performances) -> None:

@@ -122,7 +122,8 @@ def test_approaches_one_after_the_other_are_measured_each(tmp_path: Path) -> Non
     leads = [one for one in found.measurements if one.measure == "lead_time_s" and one.n == 4]
     assert leads
     assert all(one.low == one.value == one.high for one in leads)
-    assert len(set(found.performances["frame_difference"].thresholds.peaks)) > 1
+    outputs = [(clip, clip.outputs["frame_difference"].evidence) for clip in found.clips]
+    assert len({evidence[slice(*clip.approach)].max() for clip, evidence in outputs}) > 1
     # Begun in the first frame of the third.
     begun = outcomes_of(labels, [60, 63])
     assert list(begun.detected) == [0, 0, 1, 0]

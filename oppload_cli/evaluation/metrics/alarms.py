@@ -70,13 +70,6 @@ class Thresholds:
             ],
             np.float64,  # NumPy multiplies floats many times faster than integers
         ).reshape(len(clips), len(self.levels))
-        # Largest evidence from onset to contact in each clip; NaN without an approach.
-        self.peaks = np.array(
-            [
-                np.fmax.reduce(each[slice(*clip.approach)], initial=np.nan)
-                for each, clip in zip(self._evidence, clips, strict=True)
-            ]
-        )
 
     def rates(self, weights: Weights) -> Numbers:
         """Return the false alarms per minute at each level; clip i counts `weights[i]` times.
@@ -101,18 +94,6 @@ class Thresholds:
             return float("nan")
         # If no level has too many, `argmax` is 0, and the level is the last one: the lowest.
         return float(self.levels[int((rates > rate + 1e-9).argmax()) - 1])
-
-    def detected(self, threshold: float) -> Numbers:
-        """Return which approaches are detected at a threshold, faster than `outcomes` does.
-
-        The largest evidence decides, except for the second and later approaches of a video: an
-        alarm of the approach before may still be on.
-        """
-        found = np.where(np.isnan(self.peaks), np.nan, self.peaks > threshold)
-        for index, clip in enumerate(self._clips):
-            if clip.label.since:
-                found[index], _ = _first_alarm(clip, self._evidence[index] > threshold)
-        return found
 
     def outcomes(self, threshold: float | Numbers) -> _Outcomes:
         """Return the outcomes at one threshold, or at a threshold for each clip.

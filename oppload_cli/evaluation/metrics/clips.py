@@ -148,12 +148,10 @@ class Clip:
         return float(self.time_s[stop - 1] - self.time_s[0]) + period
 
     def lead(self, frame: int) -> float:
-        """Return the time from a frame to the next contact, in seconds; NaN without an approach."""
-        if self.label.contact is None:
-            return float("nan")
+        """Return the time from a frame of the approach to the next contact, in seconds."""
         now = float(self.time_s[frame])
         coming = [each for each in self.label.contact_times if each >= now - EPSILON_S]
-        return (coming[0] if coming else float(self.time_s[self.label.contact])) - now
+        return (coming[0] if coming else float(self.time_s[self.approach[1] - 1])) - now
 
     def windows(self, start: int, stop: int) -> list[Window]:
         """Return the windows that tile the frames from `start` to `stop` - 1, the latest first.

@@ -102,11 +102,11 @@ def test_a_steady_response_is_one_alarm_from_its_start() -> None:
 
 def test_detection_and_lead_at_a_threshold() -> None:
     thresholds = Thresholds(CLIPS, NAME)
-    assert thresholds.detected(3)[2:].tolist() == [1, 0]
-    assert np.isnan(thresholds.detected(3)[:2]).all()
+    assert thresholds.outcomes(3).detected[2:].tolist() == [1, 0]
+    assert np.isnan(thresholds.outcomes(3).detected[:2]).all()
     assert thresholds.outcomes(3).lead_s[2] == pytest.approx(1.0)
     assert thresholds.outcomes(3.5).lead_s[2] == pytest.approx(0.5)  # it must be above
-    assert thresholds.detected(9)[2:].tolist() == [0, 0]
+    assert thresholds.outcomes(9).detected[2:].tolist() == [0, 0]
     assert np.isnan(thresholds.outcomes(9).lead_s).all()
 
 
@@ -117,12 +117,9 @@ def test_a_later_approach_in_a_video_needs_an_alarm_of_its_own() -> None:
         first, second = clip(response, 20, 30), clip(response, 31, contact)
         second = replace(second, label=replace(second.label, since=31))
         thresholds = Thresholds([first, second], NAME)
-        np.testing.assert_array_equal(thresholds.detected(1.9), [1, expected])
-        for level in (0.0, 1.9, 2.0, 3.0):
-            detected = thresholds.outcomes(level).detected
-            np.testing.assert_array_equal(thresholds.detected(level), detected)
+        np.testing.assert_array_equal(thresholds.outcomes(1.9).detected, [1, expected])
     assert thresholds.outcomes(1.9).lead_s.tolist() == pytest.approx([0.5, 0.5])
-    assert thresholds.detected(2.5).tolist() == [0, 1]
+    assert thresholds.outcomes(2.5).detected.tolist() == [0, 1]
 
 
 def test_a_threshold_is_compared_with_the_evidence() -> None:
@@ -131,7 +128,7 @@ def test_a_threshold_is_compared_with_the_evidence() -> None:
     output = replace(weak.outputs[NAME], evidence=np.array(evidence))
     known = replace(weak, outputs={NAME: output})
     for seen, expected in ((weak, 0), (known, 1)):
-        assert Thresholds([seen, CALM], NAME).detected(3)[0] == expected
+        assert Thresholds([seen, CALM], NAME).outcomes(3).detected[0] == expected
         [outcome, _] = Thresholds([seen, CALM], NAME).held_out(1.0, DRAWS[:, :2]).outcomes.detected
         assert outcome == expected
     assert Thresholds([known], NAME).outcomes(3).lead_s.tolist() == pytest.approx([0.3])
@@ -141,13 +138,13 @@ def test_a_threshold_is_compared_with_the_evidence() -> None:
 def test_a_frame_without_evidence_hides_none_of_the_approach() -> None:
     gap = [0.0] * 25 + [np.nan] * 3 + [0.0] * 7 + [2.0] * 10
     looming = clip(gap, 20, 44)
-    assert Thresholds([looming], NAME).detected(1.0).tolist() == [1]
+    assert Thresholds([looming], NAME).outcomes(1.0).detected.tolist() == [1]
     assert Thresholds([looming], NAME).outcomes(1.0).lead_s.tolist() == pytest.approx([0.9])
 
 
 def test_contact_and_onset_are_part_of_the_approach() -> None:
     ends = [clip(peaks(60, {at: 1.0}), 20, 40) for at in (19, 20, 40, 41)]
-    assert Thresholds(ends, NAME).detected(0.5).tolist() == [0, 1, 1, 0]
+    assert Thresholds(ends, NAME).outcomes(0.5).detected.tolist() == [0, 1, 1, 0]
     assert Thresholds(ends, NAME).outcomes(0.5).lead_s[1:3].tolist() == pytest.approx([2.0, 0.0])
 
 
