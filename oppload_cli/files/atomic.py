@@ -82,15 +82,15 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def folder_of_outputs(folder: Path) -> Iterator[None]:
-    """Make a folder as `make_folder` does; remove it at the end if it is new and has no file."""
-    is_new = not os.path.lexists(folder)
+    """Make a folder as `make_folder` does; at the end, remove new folders that have no file."""
+    missing = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
     make_folder(folder)
     try:
         yield
     finally:
-        if is_new:
+        for each in missing:
             with suppress(OSError):  # as it is not empty
-                folder.rmdir()
+                each.rmdir()
 
 
 def write_atomic(target: Path | PartFile, content: str | bytes | Iterable[bytes]) -> None:
@@ -125,15 +125,12 @@ def claimed(path: Path, if_exists: str) -> Iterator[PartFile]:
     of work. The caller writes and commits the part file; without a commit it is removed, with the
     folders made for it. Raises the errors of :class:`PartFile`.
     """
-    missing = [folder for folder in path.parents if not os.path.lexists(folder)]
-    file = PartFile(path, new=if_exists == "error")
-    try:
-        yield file
-    finally:
-        file.discard()
-        for folder in missing:
-            with suppress(OSError):  # the folder holds results
-                folder.rmdir()
+    with folder_of_outputs(path.parent):
+        file = PartFile(path, new=if_exists == "error")
+        try:
+            yield file
+        finally:
+            file.discard()
 
 
 class _Part(ABC):

@@ -13,7 +13,7 @@ import pytest
 
 from oppload_cli.errors import BusyError, OutputError
 from oppload_cli.files import atomic
-from oppload_cli.files.atomic import PartFile, PartFolder, claimed
+from oppload_cli.files.atomic import PartFile, PartFolder, claimed, folder_of_outputs
 from tests.cli.inside import oppload
 from tests.cli.process import ENTRY
 from tests.media import grey_frames, write_video
@@ -92,6 +92,9 @@ def test_a_result_that_appears_before_the_name_is_held(
 
 
 def test_a_claim_leaves_nothing(tmp_path: Path) -> None:
+    with folder_of_outputs(tmp_path / "new" / "folder"):
+        assert (tmp_path / "new" / "folder").is_dir()
+    assert not list(tmp_path.iterdir())
     with claimed(tmp_path / "new" / "folder" / "a.csv", "error"):
         assert (tmp_path / "new" / "folder" / "a.csv.part").exists()
     assert not list(tmp_path.iterdir())
