@@ -59,8 +59,6 @@ _ABOUT_INPUT: dict[str, tuple[type, str, str]] = {
     "looming": (bool, "stimulus", "looming"),
     "contact_time_s": (float, "stimulus", "contact_time_s"),
 }
-# These are missing in the sidecars of some versions and inputs.
-_OPTIONAL = {"dropped", "near_repeats", "pictures_per_s", "stimulus", "looming", "contact_time_s"}
 _OF_MODEL: dict[str, type] = {
     name: float if name == "peak" or name.endswith("_s") else int
     for name in ModelSummary.__dataclass_fields__
@@ -261,7 +259,8 @@ def _summaries(name: str, content: dict[str, Any]) -> Iterator[Row]:
     parts = {**content, "": content, "stimulus": content["stimulus"] or {}}
     about: Row = {"result": name}
     for column, (_, part, key) in _ABOUT_INPUT.items():
-        about[column] = parts[part].get(key) if column in _OPTIONAL else parts[part][key]
+        # A ground truth that does not belong to the input has no facts in the sidecar.
+        about[column] = parts[part].get(key) if part == "stimulus" else parts[part][key]
     rate = about["frame_rate"]
     about["frame_rate"] = float(parsed_fraction(str(rate))) if rate else None
     for model in content["models"]:
