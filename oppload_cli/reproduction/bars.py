@@ -54,10 +54,6 @@ _LONGER = {"bar.growth.end_deg": 2 * _END_DEG, "timing.motion_s": 1.5}
 _BEYOND = 1.1  # distance beyond the edge, as a multiple of the distance of the edge
 _OFF_DIAGONAL = [0, 15, 30, 45]  # angle between an axis and the nearest diagonal, in degrees
 _LIGHTEST = 0.8  # end of the colour map, so that the lightest line can be seen on white
-_OVER_TIME = (
-    "\u201cthe reactions reach maximum in the middle of the receptive field while dropping to "
-    "zero at the edge\u201d (comparison with LPLC2, (a) and (c))"
-)
 _FIELD_NOTE = (
     "In preset reference, the receptive field is set to 60 degrees here, as that of LPLC2. The "
     "stimuli start without a pause: after a pause, the first moving frames have no delayed "
@@ -126,31 +122,14 @@ def _described(tunings: dict[str, _Tunings]) -> dict[str, str]:
 
 def _over_time(tunings: dict[str, _Tunings]) -> Built:
     claims = (
-        Claim(
-            "The response is largest while the ends of the bar are in the middle of the "
-            "receptive field.",
-            "share of the axes and widths at whose peak the ends are between a quarter and three "
-            "quarters of the way to the edge of the field; holds: at least 90 %, in part: at least "
-            "half",
-            {preset: _middle(each) for preset, each in tunings.items()},
-            _OVER_TIME,
-        ),
-        Claim(
-            "The response drops to zero at the edge of the field.",
-            "response when the ends are a tenth beyond the edge, divided by the peak; median over "
-            "axes and widths; holds: at most 5 %, in part: at most 25 %",
-            {preset: _edge(each) for preset, each in tunings.items()},
-            _OVER_TIME,
-        ),
+        Claim.of("bar-middle", {preset: _middle(each) for preset, each in tunings.items()}),
+        Claim.of("bar-edge", {preset: _edge(each) for preset, each in tunings.items()}),
     )
-    return Built(
+    return Built.of(
         "bar-time",
-        "Directional tuning with the 10 and the 60 degree bar, over time",
-        "Responses to an expanding bar along several axes, divided by the largest response of the "
-        "panel. Dashed: the edge of a receptive field.",
         claims,
         _draw_over_time(tunings),
-        tuple(
+        (
             {
                 "preset": preset, "width_deg": width, "axis_deg": axis, "time_s": time,
                 "reach_deg": reach, "response": response,
@@ -162,17 +141,9 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
                 shown.time_s, each.reach, shown.response, strict=True
             )
         ),
-        (
-            f"The bar grows until its ends are {_END_DEG:g} degrees from its middle, beyond the "
-            "edge of the receptive fields. The field of preset reference ends 30 degrees from its "
-            "middle. The fields of preset paper, 200 px of 600, end after 12 degrees; 25 of them "
-            "cover the display, and their responses are added. The fields are squares: along a "
-            "diagonal the edge is 1.4 times as far.",
-            "The response to the 10 degree bar is nearly constant inside the fields, so the place "
-            "of its peak says little.",
-            _FIELD_NOTE,
-        ),
-        _described(tunings),
+        settings=_described(tunings),
+        notes=[_FIELD_NOTE],
+        end_deg=_END_DEG,
     )  # fmt: skip
 
 
@@ -221,61 +192,28 @@ def _reach(protocol: Protocol) -> NDArray[np.float64]:
 
 def _polar(tunings: dict[str, _Tunings]) -> Built:
     claims = (
-        Claim(
-            "The 10 degree bar gives about the same response along every axis.",
-            "holds: the smallest peak is at least 75 % of the largest; in part: at least 50 %",
-            {preset: _evenness(each) for preset, each in tunings.items()},
-            "\u201cthe response intensity of our model to the 10\u00b0 one-dimensional bar "
-            "expansion stimuli are alike\u201d (comparison with LPLC2, (a))",
-        ),
-        Claim(
-            "For the 60 degree bar the diagonals respond more than the other directions.",
-            "holds: the mean peak over 45 and 135 degrees is above that of every other axis; in "
-            "part: above their mean",
-            {preset: _diagonal(each) for preset, each in tunings.items()},
-            "\u201cthe response intensity of the diagonal direction is larger than others for "
-            "the 10\u00b0 bar\u201d (comparison with LPLC2, (c), which shows the 60 degree bar)",
-        ),
-        Claim(
-            "Tuning to both bars is like that of LPLC2 neurons.",
-            "root mean square difference between the peaks of the model and of the neurons for 12 "
-            "bars, each divided by the peak for the looming disk; holds: at most 0.1, in part: at "
-            "most 0.25",
-            {preset: _likeness(each) for preset, each in tunings.items()},
-            "\u201cthe proposed model behaves quite similarly to LPLC2 neurons on many different "
-            "types of stimuli\u201d (comparison with LPLC2)",
-        ),
+        Claim.of("bar-even", {preset: _evenness(each) for preset, each in tunings.items()}),
+        Claim.of("bar-diagonals", {preset: _diagonal(each) for preset, each in tunings.items()}),
+        Claim.of("bar-neurons", {preset: _likeness(each) for preset, each in tunings.items()}),
     )
     ratio, _ = _diagonal_ratios(bar_tuning(60))
     enhanced = _likeness(tunings["reference"]).numbers["largest_over_loom"]
-    return Built(
+    return Built.of(
         "bar-polar",
-        "Peak responses to the bars in polar form, beside LPLC2",
-        "Peak response over the axis of the bar; each curve is divided by its maximum.",
         claims,
         _draw_polar(tunings),
-        tuple(
+        (
             {"preset": name, "width_deg": width, "axis_deg": axis, "peak_over_loom": peak}
             for name, width, peaks in _relative(tunings)
             for axis, peak in peaks.items()
         ),
-        (
-            f"LPLC2: {SOURCE}. The figure shows only the shapes of the curves; the last statement "
-            "also compares their sizes.",
-            "The paper's sentence on the diagonals names the 10 degree bar twice; we assume that "
-            "it means the 60 degree bar the second time. LPLC2 neurons do the opposite here: along "
-            f"the diagonals they respond {ratio:.2f} times as much as along their other axes.",
-            "In preset reference the axes at 15 degrees to a diagonal have the next largest "
-            "responses, and the axes along the sides of the display the smallest.",
-            "The product of opposite motions is neither compressed nor normalised. So a longer "
-            "edge along a pathway's axis counts with a power of its length: the response is up to "
-            f"{short(enhanced)} times that to the looming disk in preset reference, and "
-            f"{short(enhanced**0.5)} times before enhancing squares it. The model has no "
-            "normalising stage and no suppression across axes.",
-            _FIELD_NOTE,
-        ),
-        _described(tunings),
-    )  # fmt: skip
+        settings=_described(tunings),
+        notes=[_FIELD_NOTE],
+        source=SOURCE,
+        ratio=ratio,
+        enhanced=short(enhanced),
+        before_squaring=short(enhanced**0.5),
+    )
 
 
 def _relative(tunings: dict[str, _Tunings]) -> Iterator[tuple[str, int, Mapping[Any, float]]]:

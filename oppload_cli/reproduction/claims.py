@@ -8,9 +8,11 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import tomllib
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.environment import environment
@@ -26,7 +28,7 @@ from oppload_cli.tuning.present import Responses, present
 from oppload_cli.tuning.run import faint
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
@@ -41,6 +43,9 @@ NO_PAUSE = {"timing.before_s": 0}
 NO_RESPONSE = "No response to compare."  # replaces a sentence if its numbers are not known
 _DPI = 130  # of a figure as PNG
 WIDE = 7.2  # width of a figure in inches
+_TEXTS = tomllib.loads(
+    resources.files(__package__).joinpath("statements.toml").read_text(encoding="utf-8")
+)
 
 
 class Verdict(StrEnum):
@@ -92,6 +97,12 @@ class Claim:
     findings: dict[str, Finding]  # by preset, or one under `NO_PRESET`
     source: str = ""  # the paper's own words and their place; empty for our reading
 
+    @classmethod
+    def of(cls, name: str, findings: dict[str, Finding], **values: object) -> Claim:
+        """Return a claim with the texts of ``statements.toml``, filled in with values."""
+        texts = {key: text.format(**values) for key, text in _TEXTS["claims"][name].items()}
+        return cls(findings=findings, **texts)
+
 
 @dataclass(frozen=True)
 class Built:
@@ -107,6 +118,38 @@ class Built:
     # By preset, the working height and the changed parameters.
     settings: dict[str, str] = field(default_factory=dict)
     pictures: dict[str, bytes] = field(default_factory=dict)  # files by suffix
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        claims: Iterable[Claim],
+        figure: Figure,
+        rows: Iterable[Mapping[str, Any]],
+        *,
+        settings: dict[str, str] | None = None,
+        notes: Iterable[str] = (),
+        shared: str = "",
+        **values: object,
+    ) -> Built:
+        """Return a figure with the texts of ``statements.toml``, filled in with values.
+
+        The texts under the name `shared` come before those under the own name, and `notes` after
+        them.
+        """
+        texts = [_TEXTS["figures"].get(each, {}) for each in (shared, name)]
+        written = [note.format(**values) for each in texts for note in each.get("notes", ())]
+        joined = texts[0] | texts[1]
+        return cls(
+            name,
+            joined["title"],
+            joined["shows"],
+            tuple(claims),
+            figure,
+            tuple(rows),
+            (*written, *notes),
+            settings or {},
+        )
 
     def table(self) -> str:
         """Return the rows as CSV."""

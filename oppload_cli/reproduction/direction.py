@@ -78,33 +78,14 @@ def up_and_down() -> Built:
             {"speed_px_frame": speed, "wrong_over_right": wrong},
         )
     by_speed = {speed: _leak_at(speed) for speed in _SPEEDS}
-    claim = Claim(
-        "One pathway extracts the upward end of the bar, and one the downward end; each pathway "
-        "suppresses the opposite motion to zero.",
-        "holds: S of the wrong pathway is at most 1 % of that of the right one; in part: at most "
-        "10 %",
-        findings,
-        "\u201cthe proposed module suppresses the opposite motion to zero with lateral "
-        "inhibition\u201d (upward and downward motion, (b) and (c))",
-    )
-    return Built(
+    return Built.of(
         "up-down",
-        "Extracting upward and downward motion",
-        "The expanding bar with S of the upward and the downward pathway, the inhibition kernels "
-        "of both pathways, and the share of S that the wrong pathway keeps, over speed.",
-        (claim,),
+        [Claim.of("pathways-up-and-down", findings)],
         _draw_up_down(shown, by_speed),
-        tuple(
-            {"speed_px_frame": speed, "wrong_over_right": leak} for speed, leak in by_speed.items()
-        ),
-        (
-            "Suppression is complete up to 3 px/frame of the working frame, and weaker above: at "
-            f"{_SPEEDS[-1]} px/frame {100 * by_speed[_SPEEDS[-1]]:.0f} % remains. So the working "
-            "size and the frame rate decide whether this statement holds.",
-            "The paper's formula gives diagonals for theta = 90 and 270 degrees. Here the name of "
-            "a pathway is the direction of motion that it passes.",
-        ),
-        described,
+        ({"speed_px_frame": speed, "wrong_over_right": leak} for speed, leak in by_speed.items()),
+        settings=described,
+        speed=_SPEEDS[-1],
+        remains=100 * by_speed[_SPEEDS[-1]],
     )
 
 
@@ -132,27 +113,8 @@ def diagonals() -> Built:
             Verdict.at_least(share, 0.95, 0.75),
             {"least_mean_share_on_side": share, "least_share_in_last_frame": last},
         )
-    claim = Claim(
-        "Each of the four pathways shows the part of the block's outline that moves along the "
-        "pathway's diagonal.",
-        "holds: for every pathway, at least 95 % of S lies on the side of the block that moves in "
-        "the pathway's direction; in part: at least 75 %",
-        findings,
-        "\u201cshows the diagonal motion preference\u201d (diagonal motions, (b))",
-    )
-    return Built(
-        "diagonals",
-        "Extracting the four diagonal directions",
-        "The approaching block and S of the pathways that pass 45, 135, 225 and 315 degrees.",
-        (claim,),
-        _draw_diagonals(shown),
-        tuple(rows),
-        (
-            "A square has no edge that moves along a diagonal: each pathway passes the two edges "
-            "whose direction of motion is within 45 degrees of the pathway's direction.",
-        ),
-        described,
-    )
+    claims = [Claim.of("pathways-along-diagonals", findings)]
+    return Built.of("diagonals", claims, _draw_diagonals(shown), rows, settings=described)
 
 
 def _wrong_sides(
@@ -255,31 +217,19 @@ def inward_motion() -> Built:
     """Measure how inward motion suppresses the response to outward motion."""
     shown = {preset: _shown(preset) for preset in PAPER_PRESETS}
     claims = (
-        Claim(
-            "The pathways together suppress inward motion.",
-            "peak for two bars that grow inward, divided by the peak for one bar that grows "
-            "outward, for the worse of two axes; holds: at most 5 %, in part: at most 25 %",
-            {preset: _inward(each, preset) for preset, each in shown.items()},
-            "\u201cthey cooperate to suppress inward motions toward the center\u201d (motion "
-            "direction extracting)",
+        Claim.of(
+            "inward-suppressed", {preset: _inward(each, preset) for preset, each in shown.items()}
         ),
-        Claim(
-            "Inward motion at the periphery suppresses the response to outward motion.",
-            "mean response with inward motion at the periphery, divided by the mean response "
-            "without it; holds: at most 50 % along both axes, in part: at most 90 % along one axis",
+        Claim.of(
+            "periphery-suppresses",
             {preset: _suppression(each, preset) for preset, each in shown.items()},
-            "\u201cmotion signals appearing at the periphery of the receptive field suppress the "
-            "activity\u201d (comparison with LPLC2, (b))",
         ),
     )
-    return Built(
+    return Built.of(
         "inward",
-        "Inward motion, periphery inhibition and the inhibitory filter",
-        "Responses over time to outward motion, inward motion and both together, along a cardinal "
-        "and a diagonal axis; and the weights of the filter.",
         claims,
         _draw_inward(shown),
-        tuple(
+        (
             {
                 "preset": preset, "stimulus": label, "axis_deg": axis, "time_s": time,
                 "response": response,
@@ -289,17 +239,7 @@ def inward_motion() -> Built:
             for axis, each in by_axis.items()
             for time, response in zip(each.time_s, each.response, strict=True)
         ),
-        (
-            "The paper shows a filter with negative weights but gives no equation. At every unit "
-            "and axis, preset reference subtracts the inward opponency from the outward opponency. "
-            "Preset paper has no filter, and its product of opposite motions is the same for "
-            "outward and inward motion.",
-            "On each axis a negative difference counts as zero before the axes are summed. So "
-            "inward motion on one axis does not suppress outward motion on another: the model has "
-            "no suppression across axes.",
-            "In preset reference, the receptive field is set to 60 degrees here, as that of LPLC2.",
-        ),
-        {
+        settings={
             preset: described_settings(settings_of(preset), _FIELD_OF_60)
             for preset in PAPER_PRESETS
         },

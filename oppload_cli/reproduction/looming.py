@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.protocol import Protocol
 
     Shown = dict[str, dict[str, Responses]]  # by preset or stimulus, and by detector
+    Judge = Callable[[dict[str, Responses]], Finding]
     First = dict[str, dict[str, float]]  # by stimulus and detector, in s; infinite for never
     Changes = Mapping[str, Mapping[str, float | list[int]]]  # by stimulus and key
 
@@ -52,10 +53,6 @@ _FIELD = ("opplod.receptive_field=200", "opplod.cell=10")
 _PAPER = {"opplod": 22, "dlgmd": 43}  # frames of the peaks, which the paper gives for one disk
 _SPEED = 4.0  # px/frame of the disk's edge; chosen here, because the paper gives no speed
 _SPEEDS = 3.0, 3.5, _SPEED, 4.25, 4.5, 5.0, 6.0
-_EARLIER = (
-    "\u201cour model responds to the looming objects stronger and earlier\u201d; off the middle "
-    "\u201cour model also performs much better\u201d (looming disk, (c) and (d))"
-)
 _EARLY = 0.1  # a response begins at this share of its peak
 # Some stimuli are shorter than in the catalogue, without the parts in which nothing new happens.
 _CONTROLS: Changes = {
@@ -85,44 +82,24 @@ _DETECTORS = ("opplod", "dlgmd")
 
 def looming_centre() -> Built:
     """Show the disk in the middle of the display."""
-    return _figure("looming-centre", "Looming disk in the middle of the field", _CENTRE)
+    return _figure("looming-centre", _CENTRE)
 
 
 def looming_off_centre() -> Built:
     """Show the disk off the middle of the display."""
-    return _figure("looming-off-centre", "Looming disk off the middle of the field", _OFF_CENTRE)
+    return _figure("looming-off-centre", _OFF_CENTRE)
 
 
-def _figure(name: str, title: str, stimulus: str) -> Built:
+def _figure(name: str, stimulus: str) -> Built:
     settings = {preset: settings_of(preset, _FIELD, height="native") for preset in PAPER_PRESETS}
     by_speed = {speed: _shown_at(stimulus, speed, settings) for speed in _SPEEDS}
     shown = by_speed[_SPEED]
     protocol = load(stimulus)
-    notes = (
-        "The paper gives neither the size nor the speed of the disk. Here its radius is "
-        f"5 + {_SPEED:g} t px in a frame of 600 x 600, with t in frames. The detectors see it at "
-        "this native size, and preset reference has the paper's field: oppload run --height "
-        "native --preset reference --set opplod.receptive_field=200 --set opplod.cell=10 gives "
-        "these curves.",
-        "OppLoD's response peaks when the edge of the disk leaves the receptive field, but D-LGMD "
-        "sees the entire frame. So an earlier peak only reflects the size of the field. The figure "
-        "'thresholds' compares the detectors at equal false alarms.",
-        "The speed determines the frame of the peak: at 4 px/frame the disk reaches the edge "
-        "of the field of 200 px in frame (100 - 5) / 4 = 23.75. So the agreement with frame 22 "
-        "says only that our speed is near to that of the paper, which the paper does not give. "
-        "D-LGMD's response grows until the stimulus ends, after 45 frames; we chose this "
-        "length too."
-        if stimulus == _CENTRE
-        else "D-LGMD's curve bends when the disk first reaches the border of the frame.",
-    )
-    return Built(
+    return Built.of(
         name,
-        title,
-        "The responses of both detectors under both presets, and the receptive field of the "
-        "winning unit at OppLoD's peak.",
-        tuple(_claims(protocol, by_speed, settings)),
+        _claims(protocol, by_speed, settings),
         _draw(protocol, shown, _PAPER if stimulus == _CENTRE else {}),
-        tuple(
+        (
             {
                 "preset": preset, "detector": detector, "frame": frame, "time_s": time,
                 "response": response,
@@ -133,8 +110,9 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
                 responses.frame, responses.time_s, responses.response, strict=True
             )
         ),
-        notes,
-        {preset: described_settings(each, _FIELD) for preset, each in settings.items()},
+        settings={preset: described_settings(each, _FIELD) for preset, each in settings.items()},
+        shared="looming-disk",
+        speed=_SPEED,
     )  # fmt: skip
 
 
@@ -142,46 +120,22 @@ def _claims(
     protocol: Protocol, by_speed: dict[float, Shown], settings: dict[str, Settings]
 ) -> Iterator[Claim]:
     """Yield the statements on the disk; only that in the middle has peaks in the paper."""
-    centre = Projection.of(protocol.display).to_px(*protocol.objects[0].centre_deg)
-    claim = functools.partial(_claim, by_speed=by_speed, settings=settings)
+
+    def claim(name: str, judge: Judge, detectors: Iterable[str], **values: object) -> Claim:
+        findings = {
+            preset: _finding_at(judge, detectors, preset, by_speed, settings[preset])
+            for preset in PAPER_PRESETS
+        }
+        return Claim.of(name, findings, **values)
+
     for name, frame in _PAPER.items() if protocol.name == _CENTRE else ():
-        yield claim(
-            functools.partial(_near, name),
-            f"{detector_named(name).label}'s response peaks near frame {frame}.",
-            "holds: within 1 frame of the paper's peak, in part: within 3 frames. We chose the "
-            f"speed of {_SPEED:g} px/frame and the length of 45 frames, which determine the frame "
-            "of the peak",
-            "\u201cour model's output reaches the peak at near frame 22, while the baseline model "
-            "at near frame 43\u201d (looming disk, (c))",
-            [name],
-        )
-    yield from (
-        claim(
-            _earlier,
-            "OppLoD responds earlier than D-LGMD.",
-            "holds: OppLoD reaches both its peak and 10 % of its peak earlier than D-LGMD reaches "
-            "its own; in part: only one of the two",
-            _EARLIER,
-            _PAPER,
-        ),
-        claim(
-            _stronger,
-            "OppLoD responds more strongly than D-LGMD.",
-            "share of the frames up to OppLoD's peak in which its response is above that of "
-            "D-LGMD, each response divided by its own peak (our reading of stronger, as the paper "
-            "compares normalised curves); holds: at least 90 %, in part: at least half",
-            _EARLIER,
-            _PAPER,
-        ),
-        claim(
-            functools.partial(_found, centre),
-            "The model finds where the object is looming.",
-            "holds: the winning unit is within 10 px of the disk's centre, in part: within 50 px",
-            "\u201cnot only detect the approaching obstacle but also localize it\u201d (looming "
-            "disk)",
-            ["opplod"],
-        ),
-    )
+        label = detector_named(name).label
+        near = functools.partial(_near, name)
+        yield claim("disk-peak", near, [name], label=label, frame=frame, speed=_SPEED)
+    yield claim("disk-earlier", _earlier, _PAPER)
+    yield claim("disk-stronger", _stronger, _PAPER)
+    centre = Projection.of(protocol.display).to_px(*protocol.objects[0].centre_deg)
+    yield claim("disk-place", functools.partial(_found, centre), ["opplod"])
 
 
 def _shown_at(stimulus: str, speed: float, settings: dict[str, Settings]) -> Shown:
@@ -192,35 +146,27 @@ def _shown_at(stimulus: str, speed: float, settings: dict[str, Settings]) -> Sho
     return {preset: present(protocol, each) for preset, each in settings.items()}
 
 
-def _claim(
-    judge: Callable[[dict[str, Responses]], Finding],
-    statement: str,
-    rule: str,
-    source: str,
+def _finding_at(
+    judge: Judge,
     detectors: Iterable[str],
-    *,
+    preset: str,
     by_speed: dict[float, Shown],
-    settings: dict[str, Settings],
-) -> Claim:
-    """Return a claim judged at the chosen speed; its text has the verdicts at other speeds."""
-    findings = {}
-    for preset in PAPER_PRESETS:
-        chosen = by_speed[_SPEED][preset]
-        found = judge(chosen)
-        speeds: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
-        for speed, shown in by_speed.items():
-            if speed != _SPEED:
-                speeds[judge(shown[preset]).verdict].append(f"{speed:g}")
-        others = "; ".join(f"{each} at {', '.join(at)}" for each, at in speeds.items() if at)
-        faint = (
-            hardly(name, [chosen[name]], settings[preset], "to the disk") for name in detectors
-        )
-        findings[preset] = replace(
-            found,
-            text=f"{found.text} At other speeds of the disk: {others} px/frame.",
-            faint=" ".join(filter(None, faint)),
-        )
-    return Claim(statement, rule, findings, source)
+    settings: Settings,
+) -> Finding:
+    """Return the finding at the chosen speed; its text has the verdicts at other speeds."""
+    chosen = by_speed[_SPEED][preset]
+    found = judge(chosen)
+    speeds: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
+    for speed, shown in by_speed.items():
+        if speed != _SPEED:
+            speeds[judge(shown[preset]).verdict].append(f"{speed:g}")
+    others = "; ".join(f"{each} at {', '.join(at)}" for each, at in speeds.items() if at)
+    faint = (hardly(name, [chosen[name]], settings, "to the disk") for name in detectors)
+    return replace(
+        found,
+        text=f"{found.text} At other speeds of the disk: {others} px/frame.",
+        faint=" ".join(filter(None, faint)),
+    )
 
 
 def _frame_of_peak(responses: Responses) -> int:
@@ -322,24 +268,12 @@ def thresholds() -> Built:
         for preset, each in worst.items()
     }
     first = {preset: _crossings(looming[preset], threshold[preset]) for preset in PAPER_PRESETS}
-    claim = Claim(
-        "OppLoD responds to looming objects stronger and earlier than D-LGMD, which leaves more "
-        "time to avoid them.",
-        "each detector's threshold is its largest response to any control, so that none has a "
-        "false alarm; share of the looming stimuli in which OppLoD exceeds its threshold before "
-        "D-LGMD does, or D-LGMD never does; holds: at least 90 %, in part: at least 50 %",
-        {preset: _finding(first[preset], threshold[preset]) for preset in PAPER_PRESETS},
-        "\u201cour model responds to the looming objects stronger and earlier, which means that "
-        "can attain more time avoiding obstacles\u201d (looming disk)",
-    )
-    return Built(
+    findings = {preset: _finding(first[preset], threshold[preset]) for preset in PAPER_PRESETS}
+    return Built.of(
         "thresholds",
-        "First crossing of a threshold at equal false alarms",
-        "For each looming stimulus, the time at which each detector first exceeds its largest "
-        "response to any control. A mark in the grey strip: never.",
-        (claim,),
+        [Claim.of("first-crossing", findings)],
         _draw_first(first),
-        tuple(
+        (
             {
                 "preset": preset, "detector": detector, "stimulus": name, "kind": kind,
                 "peak": each[detector].largest, "threshold": threshold[preset][detector],
@@ -350,22 +284,15 @@ def thresholds() -> Built:
             for name, each in shown.items()
             for detector in _DETECTORS
         ),
-        (
-            "A comparison of peaks favours OppLoD: its response peaks when the edge leaves the "
-            "receptive field, which is smaller than the frame that D-LGMD sees. This figure "
-            "compares first crossings of a threshold, because an alarm depends on them.",
-            f"Controls: {len(controls[STUDY_PRESET])} stimuli of {len(_CONTROLS)} kinds (receding, "
-            "translating, panning, rotating, gratings, edges) without looming, at each preset's "
-            "own working height and without a pause before the motion. They have only some of the "
-            "directions, sizes and speeds of the catalogue.",
-            *(
-                f"{TITLES[preset].capitalize()}: the threshold of {detector_named(detector).label} "
-                f"is its response to {name} ({short(value)})."
-                for preset, each in worst.items()
-                for detector, (name, value) in each.items()
-            ),
+        settings={preset: described_settings(settings_of(preset)) for preset in PAPER_PRESETS},
+        notes=(
+            f"{TITLES[preset].capitalize()}: the threshold of {detector_named(detector).label} "
+            f"is its response to {name} ({short(value)})."
+            for preset, each in worst.items()
+            for detector, (name, value) in each.items()
         ),
-        {preset: described_settings(settings_of(preset)) for preset in PAPER_PRESETS},
+        controls=len(controls[STUDY_PRESET]),
+        kinds=len(_CONTROLS),
     )  # fmt: skip
 
 

@@ -211,38 +211,18 @@ def battery() -> Built:
     """Show the complete battery to three presets and to the other LPLC2 models."""
     shown = {name: show(name) for name in (*_SETTINGS, *_MODELS)}
     claims = (
-        Claim(
-            "Divided by the response to the looming disk, the responses to bars, crosses, edges "
-            "and gratings agree with those of LPLC2 neurons.",
-            "Pearson's r and root mean square difference (rms) over the 21 published peaks; holds: "
-            "r at least 0.95 and rms at most 0.08; in part: r at least 0.5 and rms at most 0.25",
-            {name: _alike(each.rows) for name, each in shown.items()},
-            "\u201cthe proposed model behaves quite similarly to LPLC2 neurons on many different "
-            "types of stimuli\u201d (comparison with LPLC2); crosses, edges and gratings are added "
-            "here",
-        ),
-        Claim(
-            "Bars with one or two ends, crosses, inward motion and wide fields have the same "
-            "effects as on LPLC2 neurons.",
-            "holds: all ratios are in the range of the neurons; in part: at least half of them",
-            {name: _effects(each.rows) for name, each in shown.items()},
-        ),
+        Claim.of("battery-peaks", {name: _alike(each.rows) for name, each in shown.items()}),
+        Claim.of("battery-effects", {name: _effects(each.rows) for name, each in shown.items()}),
     )
-    return Built(
+    return Built.of(
         "lplc2",
-        "The battery of an LPLC2 study, beside the neurons",
-        "Peaks divided by that for the looming disk, for expanding bars by axis and for the other "
-        "stimuli; and calcium signals of preset lplc2 over time.",
         claims,
         _draw(shown),
-        tuple(row._asdict() for each in shown.values() for row in each.rows),
-        (
-            f"Neurons: {SOURCE}.",
-            "The calcium signal is the response, low-passed with the time constant of preset "
-            "lplc2. Presets lplc2 and reference have one unit, in the middle of the stimulus; in "
-            "preset paper and the other models the complete detector responds.",
-        ),
-        {name: described_settings(_settings(name), _SETTINGS.get(name, ())) for name in shown},
+        (row._asdict() for each in shown.values() for row in each.rows),
+        settings={
+            name: described_settings(_settings(name), _SETTINGS.get(name, ())) for name in shown
+        },
+        source=SOURCE,
     )
 
 

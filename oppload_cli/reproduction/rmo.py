@@ -71,61 +71,30 @@ def definition() -> Built:
     both = float(rmo((-1.0, 0.0), (1.0, 0.0)))
     one_side = float(rmo((-1.0, 0.0), (1.0, 0.0), sides=1))
     counted = Verdict.HOLDS if one_side >= 0.99 else Verdict.IN_PART
-    claims = (
-        Claim(
-            "The degree of opponency follows from projecting both motions on a common line, and "
-            "integrating their symmetric part.",
-            "largest difference between the numerical steps and integral of the paper, and the "
-            "closed form sides x min(|v1|, |v2|) / (|v1| + |v2|); holds: at most 0.001, in part: "
-            "at most 0.05",
-            {
-                NO_PRESET: Finding(
-                    f"Over {_PAIRS} random pairs, they differ by at most {largest:.1g}.",
-                    Verdict.at_most(largest, 1e-3, 0.05),
-                    {"largest_difference": largest},
-                )
-            },
-            "Problem formulation, steps (1) to (4) and the integral of the symmetric part",
-        ),
-        Claim(
-            "Two motions that mirror each other have a degree of 100 %.",
-            "degree of two equal opposite vectors; holds: at least 99 % by the paper's integral, "
-            "in part: only if the integral counts both sides of the centre",
-            {
-                NO_PRESET: Finding(
-                    f"The integral as printed gives {100 * one_side:.0f} %; with both sides of "
-                    f"the centre it gives {100 * both:.0f} %.",
-                    counted if both >= 0.99 else Verdict.DOES_NOT,
-                    {"one_side": one_side, "both_sides": both},
-                )
-            },
-        ),
+    closed_form = Finding(
+        f"Over {_PAIRS} random pairs, they differ by at most {largest:.1g}.",
+        Verdict.at_most(largest, 1e-3, 0.05),
+        {"largest_difference": largest},
     )
-    return Built(
-        "rmo-definition",
-        "Definition of radial motion opponency",
-        "Left: the construction for a pair of vectors. Right: typical patterns with their RMO; a "
-        "cross marks a pair that is not an outward ROM pair.",
-        claims,
-        _draw_definition(),
-        tuple(
-            {
-                "pattern": name, "rom_pairs": metrics.rom_pairs,
-                "rmo": metrics.rmo_max if metrics.rom_pairs else None,
-            }
-            for name, metrics in ((each, _pattern(each)) for each in _PATTERNS)
-        ),
-        (
-            "The paper's integral counts the symmetric part on one side of the centre, but the "
-            "denominator counts both motions, so the largest ratio is 50 %. We count both sides. "
-            "The literal integral over one side is an option; it also agrees with its closed form "
-            f"(within {literal:.1g}).",
-            "Exactly antiparallel vectors are the perfect case, but their lines never meet, so "
-            "step 1 of the paper fails. We take the direction of the common line from the unit "
-            "vectors.",
-            "We read the delta in the integral as an indicator function.",
-        ),
-    )  # fmt: skip
+    mirrored = Finding(
+        f"The integral as printed gives {100 * one_side:.0f} %; with both sides of the centre it "
+        f"gives {100 * both:.0f} %.",
+        counted if both >= 0.99 else Verdict.DOES_NOT,
+        {"one_side": one_side, "both_sides": both},
+    )
+    claims = (
+        Claim.of("rmo-closed-form", {NO_PRESET: closed_form}),
+        Claim.of("rmo-mirrored", {NO_PRESET: mirrored}),
+    )
+    rows = (
+        {
+            "pattern": name,
+            "rom_pairs": metrics.rom_pairs,
+            "rmo": metrics.rmo_max if metrics.rom_pairs else None,
+        }
+        for name, metrics in ((each, _pattern(each)) for each in _PATTERNS)
+    )
+    return Built.of("rmo-definition", claims, _draw_definition(), rows, literal=literal)
 
 
 @dataclass(frozen=True)
@@ -264,50 +233,28 @@ def stimuli() -> Built:
     most = float(others[worst].max())
     typical, other = (np.median(np.concatenate(list(each.values()))) for each in (looming, others))
     overlap = Verdict.IN_PART if typical > other else Verdict.DOES_NOT
-    claim = Claim(
-        "Radial opponent motion occurs in looming, and is stronger in looming than in other "
-        "motion.",
-        "RMO index of each frame in which an edge moves more than 0.5 px/frame at a height of 240; "
-        "holds: every looming frame has a larger index than every other frame; in part: the median "
-        "of the looming frames is larger",
+    finding = Finding(
+        f"The index is at least {least:.2f} in looming frames and at most {most:.2f} in "
+        f"others ({worst.partition('/')[2]}); the medians are {typical:.2f} and {other:.2f}.",
+        Verdict.HOLDS if least > most else overlap,
         {
-            NO_PRESET: Finding(
-                f"The index is at least {least:.2f} in looming frames and at most {most:.2f} in "
-                f"others ({worst.partition('/')[2]}); the medians are {typical:.2f} and "
-                f"{other:.2f}.",
-                Verdict.HOLDS if least > most else overlap,
-                {
-                    "least_of_looming": least,
-                    "largest_of_others": most,
-                    "median_of_looming": float(typical),
-                    "median_of_others": float(other),
-                },
-            )
+            "least_of_looming": least,
+            "largest_of_others": most,
+            "median_of_looming": float(typical),
+            "median_of_others": float(other),
         },
-        "\u201cradial-opponent-motion (ROM) always occurs in the visual process of observing an "
-        "approaching object\u201d (introduction); that it is stronger there is our reading",
     )
-    return Built(
+    return Built.of(
         "rmo-stimuli",
-        "RMO index of looming and other stimuli",
-        "For each stimulus, the range over the frames (line) and the median (dot).",
-        (claim,),
+        [Claim.of("rmo-looming", {NO_PRESET: finding})],
         _draw_stimuli(looming, others),
-        tuple(
+        (
             {"kind": kind, "stimulus": name, "frame": frame, "rmo_index": index}
             for kind, shown in by_frame.items()
             for name, each in shown.items()
             for frame, index in each.items()
         ),
-        (
-            "The paper does not say how motion vectors are measured; here they are dense optical "
-            "flow on a grid.",
-            "The looming frame with an index of 0 has no motion vectors: it is the first frame of "
-            "the paper's disk, in which its radius grows from 2 to 4 px at a height of 240.",
-            "A turning bar on a plain ground is the hardest stimulus: of a straight edge, only "
-            "motion across the edge can be seen (the aperture problem).",
-        ),
-        {NO_PRESET: f"{_HEIGHT} px"},
+        settings={NO_PRESET: f"{_HEIGHT} px"},
     )
 
 

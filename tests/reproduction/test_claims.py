@@ -1,9 +1,15 @@
 from __future__ import annotations
 
+import re
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from oppload_cli import reproduction
 from oppload_cli.reproduction.claims import (
+    FIGURES,
     Built,
     Claim,
     Finding,
@@ -104,3 +110,13 @@ def test_a_number_that_json_cannot_hold_is_null() -> None:
     numbers = {"nan": NAN, "infinite": float("inf"), "one": 1.0}
     found = Finding("x", HOLDS, numbers).as_dict()["numbers"]
     assert found == {"nan": None, "infinite": None, "one": 1.0}
+
+
+def test_each_figure_and_claim_has_its_texts() -> None:
+    folder = Path(reproduction.__file__).parent
+    texts = tomllib.loads((folder / "statements.toml").read_text(encoding="utf-8"))
+    code = "".join(each.read_text(encoding="utf-8") for each in folder.glob("*.py"))
+    shared = set(re.findall(r'shared="([^"]+)"', code))
+    assert set(texts["figures"]) == {*FIGURES, *shared}
+    assert set(texts["claims"]) == set(re.findall(r'\b(?:Claim\.of|claim)\(\s*"([^"]+)"', code))
+    assert all(each["statement"] and each["rule"] for each in texts["claims"].values())
