@@ -385,17 +385,7 @@ def presets_of(report: Mapping[str, Any]) -> list[str]:
 
 def introduction(report: Mapping[str, Any]) -> str:
     """Return the first paragraph of the page and of ``docs/reproduction.md``."""
-    return (
-        "This page makes every synthetic figure of the OppLoD paper anew with oppload, and judges "
-        "each statement that the paper bases on such a figure. Over all statements and presets "
-        f"the verdicts are: {_verdicts(report)}. Preset 'paper' follows the paper to the letter; "
-        "preset 'reference' is the same model, with changes that make it work. The table has the "
-        "verdict on each figure and, in brackets, the number of its statements with each verdict. "
-        "Below the table, each statement is in our words, with the sentence of the paper on which "
-        "it is based, the rule of the verdict, and our measurement. A statement that the paper "
-        "does not make is marked as our reading. A detector hardly responds if its response is "
-        "below a tenth of the floor of its alarm; the shape of its curve then means little."
-    )
+    return str(_TEXTS["introduction"]).format(verdicts=_verdicts(report))
 
 
 def _verdicts(report: Mapping[str, Any]) -> str:
