@@ -137,28 +137,38 @@ def plot_curves(
     )  # fmt: skip
     panels = panels_of(results, options)
     style.check_xlim([curve.time for curves in panels for curve in curves], xlim)
-    if sum(map(len, panels)) <= _MOST_CURVES or axes is not None:
-        return _draw_few(panels, options.with_bars(panels), axes)
+    if axes is not None:
+        return _draw_into(axes, panels, options.with_bars(panels))
+    if sum(map(len, panels)) <= _MOST_CURVES:
+        return _draw_few(panels, options.with_bars(panels))
     if len(results) <= _MOST_PANELS:
         small = _one_each(panels)
         return _draw_multiples(small, options.with_bars(small))
     return _draw_heat(_one_each(panels), options)
 
 
+def _draw_into(
+    axes: Axes, panels: Sequence[Sequence[Curve]], options: CurveOptions
+) -> tuple[Figure, list[Axes]]:
+    """Draw the only panel into the user's axes, with the legend inside."""
+    _check_lengths(panels, options)
+    if len(panels) > 1:
+        raise ParameterError(
+            f"these results have {len(panels)} panels, which do not fit into one; choose one "
+            "detector or one result, or leave out the axes"
+        )
+    _draw_responses(axes, panels[0], options)
+    axes.legend(fontsize="small")
+    axes.set_xlabel(options.time_label)
+    draw_marks([axes], panels[0], options)
+    return axes.figure.figure, [axes]
+
+
 def _draw_few(
-    panels: Sequence[Sequence[Curve]], options: CurveOptions, user_axes: Axes | None
+    panels: Sequence[Sequence[Curve]], options: CurveOptions
 ) -> tuple[Figure, list[Axes]]:
     """Draw panels with a legend each, and below a panel the ground truth of its input."""
     _check_lengths(panels, options)
-    if user_axes is not None:
-        if len(panels) > 1:
-            raise ParameterError(
-                f"these results have {len(panels)} panels, which do not fit into one; choose one "
-                "detector or one result, or leave out the axes"
-            )
-        _draw_panel(user_axes, panels[0], options, None)
-        draw_marks([user_axes], panels[0], options)
-        return user_axes.figure.figure, [user_axes]
     truths = [shared_truth(curves) for curves in panels]
     strips = [truth if truth and sizes_in(truth["frames"]) else None for truth in truths]
     if options.scale == "raw":  # of the panels of a result, the last one has a strip
@@ -233,21 +243,17 @@ def _check_lengths(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> 
                 )
 
 
-def _draw_panel(
-    axes: Axes, curves: Sequence[Curve], options: CurveOptions, title: str | None
-) -> int:
-    """Draw the curves of a panel with its legend, and return the lines of the legend above it.
-
-    Without a title, the axes are the user's, and the legend is inside.
-    """
+def _draw_responses(axes: Axes, curves: Sequence[Curve], options: CurveOptions) -> None:
+    """Draw the curves of a panel, with its notes as entries of the legend."""
     scale = options.scale_of(curves)
     for note in draw_curves(axes, curves, options, scale):
         axes.plot([], [], linestyle="none", label=style.wrapped(note, style.LEGEND_WIDTH))
     axes.set_ylabel(_value_label(scale, curves[0]))
-    if title is None:
-        axes.legend(fontsize="small")
-        axes.set_xlabel(options.time_label)
-        return 0
+
+
+def _draw_panel(axes: Axes, curves: Sequence[Curve], options: CurveOptions, title: str) -> int:
+    """Draw a panel with its legend above it, and return the number of lines of the legend."""
+    _draw_responses(axes, curves, options)
     texts: list[str] = axes.get_legend_handles_labels()[1]
     lines = sum(each.count("\n") + 1 for each in texts)
     axes.set_title(style.wrapped(title, style.TITLE_WIDTH), pad=4 + 9 * lines)
