@@ -93,14 +93,15 @@ def evaluate(
     luminance. DIR gets evaluation.html, one page with everything, report.json, the figures,
     responses and windows as CSV, and the plots.
     """
-    from oppload_cli.evaluation import detectors, manifest
+    from oppload_cli.evaluation import detectors
     from oppload_cli.evaluation import evaluate as evaluation
+    from oppload_cli.evaluation.inputs import clips_of
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
 
     chosen = detectors.evaluated_detectors(
         options.names_in(models), repeats, assignments, config=config, height=height
     )
-    read = manifest.clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
+    read = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()
     with claimed(output / "report.json", if_exists) as claim:

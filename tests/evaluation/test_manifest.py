@@ -8,7 +8,8 @@ import pytest
 from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import ManifestError, ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors, evaluated_detectors
-from oppload_cli.evaluation.manifest import clips_of, read_manifest, with_boxes
+from oppload_cli.evaluation.inputs import clips_of
+from oppload_cli.evaluation.manifest import read_manifest, with_boxes
 
 if TYPE_CHECKING:
     from pathlib import Path
