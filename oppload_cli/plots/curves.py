@@ -210,16 +210,16 @@ def _titles(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[st
     if len(panels) == 1 and options.title:
         return [options.title]
     inputs = {curves[0].number: curves[0].result.title for curves in panels}
-    same_input = not options.labels and len(set(inputs.values())) < len(inputs)
+    same_input = len(set(inputs.values())) < len(inputs)
     titles = []
     for curves, name in zip(panels, _names(panels), strict=True):
         number = curves[0].number
-        title = options.labels[number] if options.labels else inputs[number]
         if len({curve.number for curve in curves}) > 1:
-            title = detector_named(curves[0].detector).label
-        elif same_input:
-            title += f": {name}"
-        titles.append(title)
+            titles.append(detector_named(curves[0].detector).label)
+        elif options.labels:
+            titles.append(options.labels[number])
+        else:
+            titles.append(inputs[number] + f": {name}" * same_input)
     return titles
 
 
