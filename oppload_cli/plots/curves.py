@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Series
     from oppload_cli.results.truths import Truth
 
+    Panels = Sequence[Sequence[Curve]]
+    Drawn = tuple[Figure, list[Axes]]
+
 _MOST_CURVES = 6  # in a figure with a line of the legend for each curve
 _MOST_STEPS = 15  # between the numbers below a row of small panels, so that they do not touch
 _MOST_PANELS = 24  # results with a small panel each; more results are a heat map
@@ -147,9 +150,7 @@ def plot_curves(
     return _draw_heat(_one_each(panels), options)
 
 
-def _draw_into(
-    axes: Axes, panels: Sequence[Sequence[Curve]], options: CurveOptions
-) -> tuple[Figure, list[Axes]]:
+def _draw_into(axes: Axes, panels: Panels, options: CurveOptions) -> Drawn:
     """Draw the only panel into the user's axes, with the legend inside."""
     _check_lengths(panels, options)
     if len(panels) > 1:
@@ -164,9 +165,7 @@ def _draw_into(
     return axes.figure.figure, [axes]
 
 
-def _draw_few(
-    panels: Sequence[Sequence[Curve]], options: CurveOptions
-) -> tuple[Figure, list[Axes]]:
+def _draw_few(panels: Panels, options: CurveOptions) -> Drawn:
     """Draw panels with a legend each, and below a panel the ground truth of its input."""
     _check_lengths(panels, options)
     truths = [shared_truth(curves) for curves in panels]
@@ -202,7 +201,7 @@ def _draw_few(
     return figure, axes
 
 
-def _titles(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
+def _titles(panels: Panels, options: CurveOptions) -> list[str]:
     """Return the title of each panel: of the figure, of its detector, or of its input.
 
     If results have the same input, what differs between the results follows the input's name.
@@ -223,13 +222,13 @@ def _titles(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[st
     return titles
 
 
-def _of_like_length(panels: Sequence[Sequence[Curve]]) -> bool:
+def _of_like_length(panels: Panels) -> bool:
     """Return whether one time axis suits all inputs: the shortest one remains visible on it."""
     durations = [float(np.ptp(curve.time)) for curves in panels for curve in curves]
     return max(durations) <= _MOST_LONGER * min(durations)
 
 
-def _check_lengths(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> None:
+def _check_lengths(panels: Panels, options: CurveOptions) -> None:
     if options.any_length or options.align:
         return
     for first, *others in panels:
@@ -284,7 +283,7 @@ def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
         axes.set_title("grey: looming", loc="right", fontsize=6, color=style.INK, pad=2)
 
 
-def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
+def _one_each(panels: Panels) -> list[list[Curve]]:
     """Return panels of one input each; of a single input, or of a single detector, of one curve.
 
     The curves have the colours of their detectors.
@@ -296,15 +295,13 @@ def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
     return [[replace(one, name=of.label, colour=of.colour, dash="-")] for one, of in curves]
 
 
-def _names(panels: Sequence[Sequence[Curve]]) -> list[str]:
+def _names(panels: Panels) -> list[str]:
     """Return the name of each panel's input; if several panels have one input, of the detector."""
     one_input = len({curves[0].number for curves in panels}) == 1 < len(panels)
     return [curves[0].name if one_input else curves[0].result_name for curves in panels]
 
 
-def _draw_multiples(
-    panels: Sequence[Sequence[Curve]], options: CurveOptions
-) -> tuple[Figure, list[Axes]]:
+def _draw_multiples(panels: Panels, options: CurveOptions) -> Drawn:
     """Draw small panels, all on one scale."""
     columns = 2 if len(panels) <= 4 else 3
     rows = -(-len(panels) // columns)
@@ -352,7 +349,7 @@ def _draw_multiples(
     return figure, axes
 
 
-def _units(panels: Sequence[Sequence[Curve]], scale: str) -> list[str]:
+def _units(panels: Panels, scale: str) -> list[str]:
     """Return the unit of each panel, for its title; empty if all panels have the same unit."""
     units = [detector_named(curves[0].detector).unit for curves in panels]
     several = scale == "raw" and len(set(units)) > 1
@@ -369,9 +366,7 @@ def _value_label(scale: str, curve: Curve) -> str:
     }[scale]
 
 
-def _legend(
-    figure: Figure, panels: Sequence[Sequence[Curve]], notes: Sequence[str], title: str
-) -> None:
+def _legend(figure: Figure, panels: Panels, notes: Sequence[str], title: str) -> None:
     """Write the title, the colours of the detectors and the notes above all panels."""
     lines = {
         curve.name: Line2D([], [], color=curve.colour, ls=curve.dash, label=style.plain(curve.name))
@@ -395,9 +390,7 @@ def _legend(
     figure.set_figheight(min(style.MOST_HEIGHT, figure.get_figheight() + more))
 
 
-def _draw_heat(
-    panels: Sequence[Sequence[Curve]], options: CurveOptions
-) -> tuple[Figure, list[Axes]]:
+def _draw_heat(panels: Panels, options: CurveOptions) -> Drawn:
     """Draw a heat map for each detector, side by side, with a row for each input."""
     curves = [curve for panel in panels for curve in panel]
     detectors = list(dict.fromkeys(curve.detector for curve in curves))
