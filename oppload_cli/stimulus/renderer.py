@@ -6,10 +6,9 @@ A painter puts one object of the protocol, a shape or a pattern, onto the pictur
 from __future__ import annotations
 
 import math
-import typing
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -32,12 +31,12 @@ from oppload_cli.stimulus.patterns import (
 )
 from oppload_cli.stimulus.pictures import cutout_of, shadow_of
 from oppload_cli.stimulus.protocol import Protocol, check_protocol
-from oppload_cli.stimulus.staging import Sight, camera_of, sight_of
+from oppload_cli.stimulus.staging import View, camera_of, sight_of
 from oppload_cli.stimulus.surfaces import Surface
 from oppload_cli.stimulus.truth import FrameTruth, frame_truth
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
@@ -161,9 +160,7 @@ class Renderer:
         """Draw the scene at a time at which the shutter is open; `frame_s` is that of the frame."""
         picture = self._background.picture(time, frame_s)
         for painter in self._painters:
-            pose = painter.pose(time)
-            if pose.visible:
-                painter.paint(picture, pose)
+            painter.paint(picture, time)
         return picture
 
 
@@ -201,14 +198,6 @@ def frames(protocol: Protocol) -> Iterator[StimulusFrame]:
         yield StimulusFrame(index, truth.time_s, grey, _LUMINANCE[grey], truth)
 
 
-class _AnyPainter(typing.Protocol):
-    def pose(self, time: float) -> Any:
-        """Return the object at a time, in seconds of the clip: its attribute `visible` and more."""
-
-    def paint(self, picture: Picture, pose: Any) -> None:
-        """Paint the object onto the picture, float32 (h, w) luminance, in place."""
-
-
 class _Painter:
     """Paints a shape of one luminance; the base class of the painters of patterns."""
 
@@ -217,10 +206,11 @@ class _Painter:
         self.projection = Projection.of(protocol.display)
         self.height, self.width = self.projection.shape
 
-    def pose(self, time: float) -> Pose:
-        return pose_of(self.protocol, self.obj, time)
-
-    def paint(self, picture: Picture, pose: Pose) -> None:
+    def paint(self, picture: Picture, time: float) -> None:
+        """Paint the object as it is at a time, in seconds of the clip, onto a picture."""
+        pose = pose_of(self.protocol, self.obj, time)
+        if not pose.visible:
+            return
         window, coverage = self._coverage(pose)
         if coverage.size:
             part, colours = picture[window.slices], self._colours(pose, window)
@@ -408,11 +398,11 @@ class _PicturePainter:
         self._cutout = cutout_of(obj, protocol.seed)
         self._down = -camera_of(protocol).height_m
 
-    def pose(self, time: float) -> Sight:
-        return sight_of(self._protocol, self._obj, time)
-
-    def paint(self, picture: Picture, pose: Sight) -> None:
-        (right_m, up_m, ahead_m), offset = pose.view.place, pose.offset
+    def paint(self, picture: Picture, time: float) -> None:
+        sight = sight_of(self._protocol, self._obj, time)
+        if not sight.visible:
+            return
+        (right_m, up_m, ahead_m), offset = sight.view.place, sight.offset
         place = right_m + offset[0], up_m + offset[1], ahead_m + offset[2]
         size = self._obj.size_m or 0.0
         wide, high = self._cutout.width * size / 2, self._cutout.height * size / 2
@@ -421,15 +411,15 @@ class _PicturePainter:
             ground, corner = (place[0], self._down, place[2]), (-1.1 * wide, 1.1 * wide)
             extent = -1.1 * wide, -0.4 * wide, 1.1 * wide, 0.4 * wide
             shadow = Surface(ground, RIGHT, AHEAD, shadow_of(), 2.2 * wide, corner, extent)
-            self._blend(picture, shadow, pose, 0.0, self._obj.shadow)
+            self._blend(picture, shadow, sight.view, 0.0, self._obj.shadow)
         texture, extent = self._cutout.texture, (-wide, -high, wide, high)
         upright = Surface(place, RIGHT, UP, texture, 2 * wide, (-wide, high), extent)
-        self._blend(picture, upright, pose, self._gain, 1.0)
+        self._blend(picture, upright, sight.view, self._gain, 1.0)
 
     def _blend(
-        self, picture: Picture, surface: Surface, pose: Sight, gain: float, share: float
+        self, picture: Picture, surface: Surface, view: View, gain: float, share: float
     ) -> None:
-        placed = surface.seen(pose.view)
+        placed = surface.seen(view)
         if placed is None:
             return
         values = surface.values(placed) * (placed.covered * np.float32(share))[..., None]
@@ -448,7 +438,7 @@ class _PicturePainter:
 
 
 # Every other kind is a shape of one luminance.
-_PAINTERS: dict[str, Callable[[Protocol, Object], _AnyPainter]] = {
+_PAINTERS: dict[str, type[_Painter | _PicturePainter]] = {
     "patch": _PatchPainter,
     "field": _PatternPainter,
     **dict.fromkeys(GRATINGS, _GratingPainter),
