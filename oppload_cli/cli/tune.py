@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -120,17 +119,19 @@ def _run(
 ) -> Sequence[Path]:
     """Measure a sweep; write the table, the sidecar and the plot, and return their paths."""
     from oppload_cli.plots import style, tuning
-    from oppload_cli.tuning.run import doubts_about, tune, write_tuning, write_tuning_sidecar
+    from oppload_cli.results.table import write_sidecar
+    from oppload_cli.tuning.doubts import doubts_about
+    from oppload_cli.tuning.run import tune, tuning_sidecar, write_tuning
 
-    entry, settings, presentations, figure, fixed, changes = sweep
+    entry, settings = sweep.entry, sweep.settings
     say_remarks(entry.protocols())
-    for key, value in fixed.items():
+    for key, value in sweep.fixed.items():
         say(f"oppload: {key} stays at {value}; to sweep it as well, add --over {key}")
     with progress_bar(len(entry.values()), "condition", quiet=quiet) as bar:
         conditions = tune(
             entry,
             settings,
-            presentations=presentations,
+            presentations=sweep.presentations,
             indicator_s=indicator_s,
             jobs=jobs,
             progress=bar.update,
@@ -139,14 +140,12 @@ def _run(
     for doubt in doubts:
         say(f"oppload: {doubt.text}")
     write_tuning(table, conditions)
-    sidecar = partial(
-        write_tuning_sidecar, paths[1], entry, settings, command=["oppload", *sys.argv[1:]],
-        indicator_s=indicator_s, figure=figure, changes=changes, doubts=doubts,
-    )  # fmt: skip
-    sidecar()  # without the summary, which an error of the table would prevent
+    command = ["oppload", *sys.argv[1:]]
+    sidecar = tuning_sidecar(sweep, command=command, indicator_s=indicator_s, doubts=doubts)
+    write_sidecar(paths[1], sidecar)  # without a summary, which an error of the table prevents
     try:
         measured = oppload.read_tuning(paths[0])
-        sidecar(summary=tuning.summary_of(measured))
+        write_sidecar(paths[1], sidecar | {"summary": tuning.summary_of(measured)})
         lines = tuning.lines_of([measured])
         if len(paths) > 2:
             style.save(oppload.plot_tuning(measured)[0], paths[2])

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,16 +14,10 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus import write
 from oppload_cli.stimulus.catalogue import find, read_entry
 from oppload_cli.stimulus.renderer import Renderer
+from oppload_cli.tuning.doubts import doubts_about, faint
 from oppload_cli.tuning.present import Measures, Responses, measure, present
-from oppload_cli.tuning.run import (
-    Condition,
-    doubts_about,
-    faint,
-    tune,
-    write_tuning,
-    write_tuning_sidecar,
-)
-from oppload_cli.tuning.sweeps import sweeps
+from oppload_cli.tuning.run import Condition, tune, tuning_sidecar, write_tuning
+from oppload_cli.tuning.sweeps import Sweep, sweeps
 from tests.results.make import rows_of
 
 if TYPE_CHECKING:
@@ -32,7 +25,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.catalogue import Entry
-    from oppload_cli.tuning.run import Doubt
+    from oppload_cli.tuning.doubts import Doubt
 
 DISK = """
 [display]
@@ -188,9 +181,7 @@ def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
 
 def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
     settings = resolve(preset="reference", height="native", assignments=["opplod.gain=3"])
-    path = tmp_path / "a.tuning.json"
-    write_tuning_sidecar(path, disk(tmp_path), settings, command=["oppload"])
-    content = json.loads(path.read_text())
+    content = tuning_sidecar(Sweep(disk(tmp_path), settings), command=["oppload"])
     assert content["schema"] == "oppload.tuning/1"
     assert content["parameters"]["opplod"]["gain"] == 3
     assert content["parameters"]["opplod"]["receptive_field"] == 25  # 5/12 of 60
@@ -204,12 +195,10 @@ def test_the_sidecar_has_sizes_in_pixels_of_the_shorter_side(
 ) -> None:
     """The display of 60 x 80 px has 2 px/deg; 5/12 of its width are 25 px."""
     portrait = disk(tmp_path).with_settings({"display.width": 60, "display.height": 80})
-    path = tmp_path / "a.tuning.json"
     found = []
     for assigned in ([], ["opplod.receptive_field=18deg"]):
         settings = resolve(preset="reference", height=height, assignments=assigned)
-        write_tuning_sidecar(path, portrait, settings, command=[])
-        content = json.loads(path.read_text())
+        content = tuning_sidecar(Sweep(portrait, settings), command=[])
         found.append(content["parameters"]["opplod"]["receptive_field"])
     assert found == [field, 36 if height == "native" else 18]
     assert content["changed"] == {"opplod.receptive_field": "18deg"}
@@ -471,13 +460,12 @@ def test_an_error_of_a_swept_value_names_the_stimulus(tmp_path: Path) -> None:
     ],
 )
 def test_frames_of_the_motion_decide_whether_a_stimulus_is_symmetric(
-    stimulus: str, pause: str, symmetric: bool, tmp_path: Path
+    stimulus: str, pause: str, symmetric: bool
 ) -> None:
     """Before its motion, a bar that will grow at one end looks the same after half a turn."""
-    path = tmp_path / "a.tuning.json"
     entry = swept(stimulus, []).with_settings({f"timing.{pause}": 4})
-    write_tuning_sidecar(path, entry, resolve(), command=[])
-    assert json.loads(path.read_text())["stimulus"]["symmetric"] is symmetric
+    content = tuning_sidecar(Sweep(entry, resolve()), command=[])
+    assert content["stimulus"]["symmetric"] is symmetric
 
 
 def test_with_an_indicator_a_faint_response_is_no_doubt() -> None:
