@@ -12,7 +12,7 @@ import numpy as np
 from oppload_cli.environment import environment
 from oppload_cli.errors import faults_at
 from oppload_cli.files.atomic import PartFile, write_atomic
-from oppload_cli.files.tables import csv_text, formatted
+from oppload_cli.files.tables import csv_text
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
+    from oppload_cli.files.tables import Cell
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.schema import Parameters
     from oppload_cli.stimulus.catalogue import Entry
@@ -219,14 +220,13 @@ def _changed(settings: Settings, resolved: Mapping[str, Parameters]) -> dict[str
     return changed
 
 
-def _cells(values: dict[str, Any]) -> dict[str, str]:
+def _cells(values: dict[str, Any]) -> dict[str, Cell]:
     """Return the values of a condition by column; a position becomes two columns."""
-    cells: dict[str, str] = {}
+    cells: dict[str, Cell] = {}
     for key, value in values.items():
         if isinstance(value, list) and len(value) == 2:
-            cells[f"{key}.right"], cells[f"{key}.up"] = (formatted(float(one)) for one in value)
-        elif isinstance(value, bool) or not isinstance(value, int | float):
-            cells[key] = str(value)
+            cells[f"{key}.right"], cells[f"{key}.up"] = value
         else:
-            cells[key] = formatted(float(value))
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            cells[key] = value if number else str(value)
     return cells

@@ -179,6 +179,13 @@ def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
     np.testing.assert_allclose(moved, [8, 4], atol=2)
 
 
+def test_cells_hold_whole_numbers_with_all_digits_and_words_as_they_are(tmp_path: Path) -> None:
+    values = {"seed": 4294967295, "disk.size_deg": 2.5, "disk.reverse": True, "bar.kind": "bar"}
+    write_tuning(tmp_path / "a.csv", [Condition("a", values, {"opplod": Measures()})])
+    (row,) = rows_of(tmp_path / "a.csv")
+    assert [row[key] for key in values] == ["4294967295", "2.5", "True", "bar"]
+
+
 def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
     settings = resolve(preset="reference", height="native", assignments=["opplod.gain=3"])
     content = tuning_sidecar(Sweep(disk(tmp_path), settings), command=["oppload"])
