@@ -155,11 +155,8 @@ class Measures:
     size_at_peak_deg: float | None = None  # of the largest object in the frame of the peak
 
 
-def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:
-    """Measure the responses of one detector to a stimulus.
-
-    Without the protocol, the measures about contact and size are None.
-    """
+def measure(responses: Responses, protocol: Protocol) -> Measures:
+    """Measure the responses of one detector to a stimulus."""
     best = responses.peak
     if best is None:
         return Measures()
@@ -169,26 +166,22 @@ def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:
     area = float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(times)))
     if peak <= 0:  # a peak of 0 has no time
         return Measures(peak=peak, mean=float(values.mean()), area=area)
+    frame, time_s = int(responses.frame[best]), float(responses.time_s[best])
     onset = int(np.argmax(responses.response >= _ONSET_SHARE * peak))
-    x, y = responses.centre[best]
-    contact = contact_time(protocol) if protocol else None
+    x, y = (None if np.isnan(value) else float(value) for value in responses.centre[best])
+    contact = contact_time(protocol)
+    objects = frame_truth(protocol, frame).objects
+    sizes = (each.angular_size_deg for each in objects if each.visible)
     return Measures(
         peak=peak,
-        peak_frame=int(responses.frame[best]),
-        peak_time_s=float(responses.time_s[best]),
+        peak_frame=frame,
+        peak_time_s=time_s,
         mean=float(values.mean()),
         area=area,
         onset_frame=int(responses.frame[onset]),
         onset_time_s=float(responses.time_s[onset]),
-        centre_x=None if np.isnan(x) else float(x),
-        centre_y=None if np.isnan(y) else float(y),
-        peak_before_contact_s=None if contact is None else contact - float(responses.time_s[best]),
-        size_at_peak_deg=_size(protocol, int(responses.frame[best])) if protocol else None,
+        centre_x=x,
+        centre_y=y,
+        peak_before_contact_s=None if contact is None else contact - time_s,
+        size_at_peak_deg=max((size for size in sizes if size is not None), default=None),
     )
-
-
-def _size(protocol: Protocol, frame: int) -> float | None:
-    """Return the angular size in degrees of the largest object of a frame."""
-    objects = frame_truth(protocol, frame).objects
-    sizes = [each.angular_size_deg for each in objects if each.visible]
-    return max((size for size in sizes if size is not None), default=None)

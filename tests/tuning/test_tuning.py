@@ -62,6 +62,7 @@ def swept(stimulus: str, over: list[str]) -> Entry:
 
 ASSIGNED = ["opplod.receptive_field=24", "opplod.cell=2", "repeats.longest_s=0.04"]
 ASSIGNED += ["time.interval=frame"]
+EDGE = find("klapoetke2017/edge")[0].protocols()[0]  # without a size and without a contact
 
 
 # A pause makes repeats, which `oppload run` skips: the numbers must be the same here.
@@ -105,7 +106,7 @@ def test_measures_of_known_responses() -> None:
     time = np.array([0.0, 0.1, 0.2, 0.4, 0.5])
     response = np.array([np.nan, 0.0, 0.3, 1.0, 0.5])
     box = np.array([[np.nan] * 4] * 3 + [[5.0, 6.0, 4.0, 4.0], [9.0, 9.0, 0.0, 0.0]])
-    got = measure(Responses(np.arange(5.0), time, response, box))
+    got = measure(Responses(np.arange(5.0), time, response, box), EDGE)
     area = 0.1 * 0.15 + 0.2 * 0.65 + 0.1 * 0.75
     assert got.area == pytest.approx(area)
     assert got == Measures(1.0, 3, 0.4, 0.45, got.area, 2, 0.2, 7.0, 8.0)
@@ -114,7 +115,7 @@ def test_measures_of_known_responses() -> None:
 def test_of_equal_peaks_the_first_counts_and_a_tenth_of_it_is_the_onset() -> None:
     response = np.array([np.nan, 0.1, 0.5, 1.0, 1.0])
     frames = np.arange(5.0)
-    got = measure(Responses(frames, frames / 10, response, np.full((5, 4), np.nan)))
+    got = measure(Responses(frames, frames / 10, response, np.full((5, 4), np.nan)), EDGE)
     assert (got.peak_frame, got.onset_frame, got.onset_time_s) == (3, 1, 0.1)
 
 
@@ -141,8 +142,8 @@ def test_contact_and_size_at_the_peak() -> None:
 
 def test_measures_without_a_response() -> None:
     times, blank = np.arange(4.0), np.full((4, 4), np.nan)
-    assert measure(Responses(times, times, blank[0], blank)) == Measures()
-    silent = measure(Responses(times, times, np.array([np.nan, 0, 0, 0]), blank))
+    assert measure(Responses(times, times, blank[0], blank), EDGE) == Measures()
+    silent = measure(Responses(times, times, np.array([np.nan, 0, 0, 0]), blank), EDGE)
     assert silent == Measures(peak=0, mean=0, area=0)  # and no time of a peak
 
 
