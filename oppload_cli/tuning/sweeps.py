@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _EVERY = "all"
+_MOST_VALUES = 1000
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class _Classic:
     title: str
     kind: str  # of the plot, as for `oppload plot --kind`
     stimulus: str  # in the catalogue
-    sweep: Mapping[str, list[Any]] = field(default_factory=dict)  # by dotted key
-    changes: Mapping[str, Any] = field(default_factory=dict)  # of the stimulus, by dotted key
+    sweep: dict[str, list[Any]] = field(default_factory=dict)  # by dotted key
+    changes: dict[str, Any] = field(default_factory=dict)  # of the stimulus, by dotted key
     settings: tuple[str, ...] = ()  # of detectors; settings of the user replace them
     presentations: int = 1  # of each stimulus, in a row
 
@@ -105,7 +106,7 @@ FIGURES: dict[str, _Classic] = {
         "habituation",
         "klapoetke2017/loom-l-over-v",
         changes={
-            "disk.growth.l_over_v_ms": [40],
+            "disk.growth.l_over_v_ms": 40,
             "timing.before_s": 0.6,
             "timing.motion_s": 1.0,
             "timing.after_s": 0.4,
@@ -161,18 +162,14 @@ def sweeps(
     """
     if stimulus is not None:
         return [_sweep_of(stimulus, changes, over, settings)]
-    classic = _figures_named(figures)
-    if over and len(classic) > 1:
+    names = [name for given in figures for name in (FIGURES if given == _EVERY else [given])]
+    for name in names:
+        if name not in FIGURES:
+            hint = suggestion(name, (*FIGURES, _EVERY))
+            raise ParameterError(f"--figure {name}: no such figure{hint}")
+    if over and len(set(names)) > 1:
         raise ParameterError("--over needs exactly one --figure; give one of them")
-    found = []
-    for name, figure in classic.items():
-        assignments = [*figure.settings, *settings.get("assignments", ())]
-        resolved = resolve(**{**settings, "assignments": assignments})
-        words = {"name": name, "title": figure.title, "kind": figure.kind}
-        entry = _figure_entry(name, changes, over)
-        stated = entry.in_full(changes)
-        found.append(Sweep(entry, resolved, figure.presentations, words, changes=stated))
-    return found
+    return [_figure_sweep(name, changes, over, settings) for name in dict.fromkeys(names)]
 
 
 def _sweep_of(
@@ -203,42 +200,33 @@ def _sweep_of(
     return Sweep(entry, resolve(**settings), fixed=fixed, changes=changes)
 
 
-def _figures_named(names: Sequence[str]) -> dict[str, _Classic]:
-    """Return the figures with some names; ``all`` is the name of all figures."""
-    chosen = [one for name in names for one in (FIGURES if name == _EVERY else [name])]
-    for name in chosen:
-        if name not in FIGURES:
-            hint = suggestion(name, (*FIGURES, _EVERY))
-            raise ParameterError(f"--figure {name}: no such figure{hint}")
-    return {name: FIGURES[name] for name in dict.fromkeys(chosen)}
-
-
-def _figure_entry(name: str, changes: Mapping[str, Any], over: Sequence[str]) -> Entry:
-    """Return the stimulus and the sweep of a figure; `over` changes the values of the sweep."""
+def _figure_sweep(
+    name: str, changes: dict[str, Any], over: Sequence[str], settings: Mapping[str, Any]
+) -> Sweep:
+    """Return the sweep of a classic figure; the other arguments are those of `sweeps`."""
     figure = FIGURES[name]
-    entry = _entry_named(figure.stimulus).with_settings(dict(figure.changes))
-    sweeping = replace(entry, sweep={key: list(values) for key, values in figure.sweep.items()})
-    changes = sweeping.in_full(dict(changes))
+    own = _entry_named(figure.stimulus).with_settings(figure.changes)
+    entry = replace(own, sweep=figure.sweep)
+    changes = entry.in_full(changes)
     for key in changes:
         if key in figure.sweep:
             raise ParameterError(f"--change {key}: figure {name} sweeps it; give --over {key}=...")
     # Other keys of the stimulus's own sweep get their first value. If they stayed in the sweep,
     # each would be a column of the table and a part of each stimulus's name.
-    first = {key: values[0] for key, values in entry.sweep.items() if key not in figure.sweep}
-    entry = replace(entry, sweep={}).with_settings({**first, **changes})
-    entry = replace(entry, sweep=sweeping.sweep)
-    if over:
+    first = {key: values[0] for key, values in own.sweep.items() if key not in figure.sweep}
+    entry = entry.with_settings({**first, **changes})
+    if over:  # it changes the values of the sweep
         chosen = _swept(entry, over).sweep
         for text, key in zip(over, chosen, strict=True):
             if key not in figure.sweep:
                 swept_keys = " and ".join(figure.sweep) or "nothing"
                 raise ParameterError(f"--over {text}: figure {name} sweeps {swept_keys}")
         entry = replace(entry, sweep=entry.sweep | chosen)
-    return replace(entry, name=name)
-
-
-_MOST_VALUES = 1000
-_PLACE = ".centre_deg"
+    assignments = [*figure.settings, *settings.get("assignments", ())]
+    resolved = resolve(**{**settings, "assignments": assignments})
+    words = {"name": name, "title": figure.title, "kind": figure.kind}
+    entry = replace(entry, name=name)
+    return Sweep(entry, resolved, figure.presentations, words, changes=changes)
 
 
 def _entry_named(name: str) -> Entry:
@@ -282,7 +270,7 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
                     f"give some, e.g. --over {text}=10,20,40 or {text}=0:330:30"
                 )
             chosen[key] = _values_of(values) if equals else entry.sweep[key]
-            if key.endswith(_PLACE):
+            if key.endswith(".centre_deg"):
                 _check_places(word, chosen[key])
             if equals and direction_of([key]):
                 _check_turns(chosen[key])
