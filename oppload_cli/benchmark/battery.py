@@ -186,7 +186,7 @@ class Shown(NamedTuple):
     key: str
     stimulus: str
     motion_end_s: float
-    measured: list[Measured]
+    measured: dict[str, Measured]  # by detector
 
 
 class _Task(NamedTuple):
@@ -253,7 +253,7 @@ def show(
             task.key,
             task.protocol.name,
             task.protocol.timing.end_s,
-            _measurements_of(task) or [],
+            _measurements_of(task) or {},
         )
         for column, task in listed
     ]
@@ -315,11 +315,11 @@ def _measure(name: str, times: Numbers, response: Numbers, alarm: Flags | None) 
     return Measured(name, float(response[best]), float(times[best]), len(begins), first)
 
 
-def _measurements_of(task: _Task) -> list[Measured] | None:
-    """Return the measurements of a task from its file; None without a file for this task."""
+def _measurements_of(task: _Task) -> dict[str, Measured] | None:
+    """Return a task's measurements by detector from its file; None without a file for this task."""
     try:
         content = json.loads(task.file.read_text("utf-8"))
-        rows = [Measured(**row) for row in content["measured"]]
+        measured = {row["detector"]: Measured(**row) for row in content["measured"]}
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return rows if content.get("key") == task.key else None
+    return measured if content.get("key") == task.key else None

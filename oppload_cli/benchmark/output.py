@@ -17,7 +17,7 @@ from oppload_cli.evaluation.page import number
 from oppload_cli.files.atomic import output_errors, remove, write_atomic
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.files.tables import Cell, csv_text, finite_text
-from oppload_cli.models.registry import detectors
+from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import PAGE, SHADES, image_bytes, plain, save, styled_figure
 from oppload_cli.results.table import write_sidecar
 
@@ -76,12 +76,14 @@ class Benchmark:
         self.shown, self.clips = shown, clips
         self.names = [each.name for each in evaluated]
         self.alarms_on = {each.name: each.alarm.on for each in evaluated}
-        found = {
-            name: [next(one for one in each.measured if one.detector == name) for each in shown]
-            for name in self.names
+        self.detectors = {each.name: detector_named(each.detector) for each in evaluated}
+        measured = {name: [each.measured[name] for each in shown] for name in self.names}
+        self._peaks = {
+            name: np.array([each.peak or 0.0 for each in found]) for name, found in measured.items()
         }
-        self._peaks = {name: np.array([one.peak or 0.0 for one in found[name]]) for name in found}
-        self._alarmed = {name: np.array([one.alarms > 0 for one in found[name]]) for name in found}
+        self._alarmed = {
+            name: np.array([each.alarms > 0 for each in found]) for name, found in measured.items()
+        }
         first = next(i for i, each in enumerate(shown) if each.column is BATTERY[0])
         self.loom = {name: float(self._peaks[name][first]) for name in self.names}
         self.tables = [table for table in TABLES if len(self.labels(table)) > 1]
@@ -131,7 +133,7 @@ class Benchmark:
             int(control.sum()),
             over_loom,
             largest,
-            detectors()[name.partition(":")[0]].cost_ms,
+            self.detectors[name].cost_ms,
         )
 
 
@@ -206,7 +208,7 @@ def write_benchmark(
 
 def _rows(benchmark: Benchmark) -> Iterator[dict[str, Cell]]:
     for each in benchmark.shown:
-        for found in each.measured:
+        for found in each.measured.values():
             yield {
                 "table": each.column.table,
                 "column": each.column.label,
@@ -300,7 +302,7 @@ def _page(
         summaries=sorted(summaries.items(), key=lambda item: -np.nan_to_num(item[1].auc, nan=-1.0)),
         tables=[(table, embedded(pictures[table.name])) for table in benchmark.tables],
         clips=clips,
-        detectors={name: detectors()[name.partition(":")[0]] for name in benchmark.names},
+        detectors=benchmark.detectors,
         label_of=label_of,
         number=number,
     )

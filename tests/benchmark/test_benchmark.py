@@ -97,8 +97,9 @@ def test_measures_are_kept_and_taken_up_again(
     assert len(bytes_of) == 2
     dark, bright = first
     # lgmd1_single sees brightening rather than darkening.
-    assert (bright.measured[1].peak or 0) > 2 * (dark.measured[1].peak or 0) > 0
-    assert dark.measured[0].peak == pytest.approx(bright.measured[0].peak or 0, rel=0.02)
+    change, lgmd1 = NAMES
+    assert (bright.measured[lgmd1].peak or 0) > 2 * (dark.measured[lgmd1].peak or 0) > 0
+    assert dark.measured[change].peak == pytest.approx(bright.measured[change].peak or 0, rel=0.02)
 
     next(tmp_path.iterdir()).write_text("cut off")
     seen.clear()
@@ -116,7 +117,7 @@ def shown(values: Sequence[tuple[str, float, int]]) -> list[Shown]:
         battery.BatteryColumn("selectivity", "x", "x", {}, kind) for kind, _, _ in values[1:]
     ]
     return [
-        Shown(column, str(i), str(i), 1.0, [Measured("lgmd2", peak, 0.5, alarms, None)])
+        Shown(column, str(i), str(i), 1.0, {"lgmd2": Measured("lgmd2", peak, 0.5, alarms, None)})
         for i, (column, (_, peak, alarms)) in enumerate(zip(columns, values, strict=True))
     ]
 
@@ -182,7 +183,7 @@ def test_an_edited_detector_is_shown_again(tmp_path: Path, monkeypatch: pytest.M
         file.write_text(source)
         registry.load(str(file))
         (found,) = show([small("dark")], chosen_detectors(["constant"]), tmp_path)
-        peaks.append(found.measured[0].peak)
+        peaks.append(found.measured["constant"].peak)
     assert peaks == [1.0, 20.0]
 
 
