@@ -20,7 +20,6 @@ from oppload_cli.files.atomic import remove, write_atomic
 from oppload_cli.processes import cores
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.stimulus.catalogue import find
-from oppload_cli.stimulus.protocol import Protocol, check_protocol
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.truth import ground_truth_text, read_ground_truth
 from oppload_cli.video.inputs import GROUND_TRUTH
@@ -30,6 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
+
+    from oppload_cli.stimulus.protocol import Protocol
 
     Grey = NDArray[np.uint8]
 
@@ -131,19 +132,6 @@ def _check_fits(protocol: Protocol, form: str, where: str) -> None:
         )
 
 
-def _targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = False) -> Written:
-    """Return the files that :func:`write`, called with the same arguments, makes."""
-    check_protocol(protocol)
-    _check_fits(protocol, form, protocol.name)
-    stem = file_stem(protocol.name)
-    return Written(
-        directory / f"{stem}{FORMATS[form].suffix}",
-        directory / f"{stem}{GROUND_TRUTH}",
-        directory / f"{stem}.preview.png" if preview else None,
-        protocol.frame_count,
-    )
-
-
 def named(
     names: Sequence[str], settings: dict[str, Any], form: str
 ) -> tuple[list[Protocol], list[OpploadError]]:
@@ -170,7 +158,7 @@ def named(
 
 
 def not_made_yet(
-    protocols: Sequence[Protocol], directory: Path, form: str, *, preview: bool, if_exists: str
+    protocols: Sequence[Protocol], directory: Path, form: str, if_exists: str
 ) -> list[Protocol]:
     """Return the stimuli to write; `if_exists` is ``error``, ``skip`` or ``overwrite``.
 
@@ -182,8 +170,8 @@ def not_made_yet(
     """
     wanted = []
     for protocol in protocols:
-        made = _targets(protocol, directory, form, preview=preview)
-        old = [path for path in (made.video, made.truth) if os.path.lexists(path)]
+        video, truth = _paths(protocol, directory, form)
+        old = [path for path in (video, truth) if os.path.lexists(path)]
         if old and if_exists == "error":
             raise OutputError(
                 f"{old[0]}: exists already; choose --if-exists overwrite or skip, or another "
@@ -192,13 +180,19 @@ def not_made_yet(
         if len(old) < 2 or if_exists == "overwrite":
             wanted.append(protocol)
             continue
-        difference = _difference(made.truth, protocol)
+        difference = _difference(truth, protocol)
         if difference:
             raise OutputError(
-                f"{made.video}: exists already, {difference}; choose --if-exists overwrite, or "
+                f"{video}: exists already, {difference}; choose --if-exists overwrite, or "
                 "another --output"
             )
     return wanted
+
+
+def _paths(protocol: Protocol, directory: Path, form: str) -> tuple[Path, Path]:
+    """Return the paths of a stimulus's video and of its ground truth."""
+    stem = file_stem(protocol.name)
+    return directory / f"{stem}{FORMATS[form].suffix}", directory / f"{stem}{GROUND_TRUTH}"
 
 
 def _difference(truth: Path, protocol: Protocol) -> str:
@@ -248,13 +242,16 @@ def write(
     OutputError
         If a file cannot be written; then no file of this stimulus remains.
     """
-    made = _targets(protocol, Path(directory), form, preview=preview)
-    display, renderer = protocol.display, Renderer(protocol)
-    shape = protocol.frame_count, display.height, display.width
-    shown = set(sheet_frames(protocol.frame_count)) if preview else set()
-    previewed = []
-    with open_writer(made.video, form, shape, display.frame_rate, new=new) as write_frame:
-        for index in range(protocol.frame_count):
+    renderer = Renderer(protocol)
+    _check_fits(protocol, form, protocol.name)
+    display, count = protocol.display, protocol.frame_count
+    video, truth = _paths(protocol, Path(directory), form)
+    sheet = Path(directory, f"{file_stem(protocol.name)}.preview.png") if preview else None
+    shown = sheet_frames(count) if preview else []
+    previewed: list[Grey] = []
+    shape = count, display.height, display.width
+    with open_writer(video, form, shape, display.frame_rate, new=new) as write_frame:
+        for index in range(count):
             grey = renderer.grey(index)
             write_frame(grey)
             if index in shown:
@@ -263,16 +260,16 @@ def write(
                 progress(1)
     try:
         texts = ground_truth_text(protocol)  # with the name of a file, which may be of any bytes
-        write_atomic(made.truth, (text.encode(errors="backslashreplace") for text in texts))
-        if made.preview is not None:
-            times = [protocol.time_of(index) for index in sorted(shown)]
-            write_atomic(made.preview, png_bytes(contact_sheet(previewed, times_s=times)))
+        write_atomic(truth, (text.encode(errors="backslashreplace") for text in texts))
+        if sheet is not None:
+            times = [protocol.time_of(index) for index in shown]
+            write_atomic(sheet, png_bytes(contact_sheet(previewed, times_s=times)))
     except BaseException:
         # Users would take a video without its ground truth for a complete result.
-        for path in (made.video, made.truth):
+        for path in (video, truth):
             remove(path)
         raise
-    return made
+    return Written(video, truth, sheet, count)
 
 
 def write_all(
