@@ -40,27 +40,27 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     if obj.growth is not None and obj.growth.kind == "steps":
         # In the pause, a step of the size at the start of the motion has not yet come.
         grown = min(phase, end - time if obj.reverse else time - start)
-    extent = _extent_of(obj, grown, start, end).times(sign)
+    extent = _extent_of(protocol, obj, grown).times(sign)
     travel, velocity, turn = _movement(
         obj.motion, phase, obj.axis_deg, f"{protocol.seed}/{obj.id}", backwards=obj.reverse
     )
     x, y = obj.centre_deg[0] + travel[0], obj.centre_deg[1] + travel[1]
     centre, moved = _in_scene(protocol, (x, y), (sign * velocity[0], sign * velocity[1]), time)
     speed = extent.forward_speed + extent.backward_speed
-    contact = contact_of_shape(obj, start, end) if moving else None
+    contact = contact_of_shape(protocol, obj) if moving else None
     scene_turn = _scene_turn(protocol, time)
     return Pose(
-        visible=is_drawn(obj, time, start, end),
+        visible=is_drawn(protocol, obj, time),
         centre_deg=centre,
         velocity_deg_s=moved,
         orientation_deg=obj.axis_deg + turn + scene_turn,
         extent=extent,
-        luminance=_luminance_at(protocol, obj, min(time, end) - start, start, end),
+        luminance=_luminance_at(protocol, obj, time),
         zoom=math.exp(obj.motion.zoom_per_s * phase) if obj.motion else 1.0,
         travel_deg=travel,
         scene_turn_deg=scene_turn,
         contact_in_s=None if contact is None else contact - time,
-        looming=obj.kind in LOOMING and speed > 0 and not _passes(obj, start, end),
+        looming=obj.kind in LOOMING and speed > 0 and not _passes(protocol, obj),
     )
 
 
@@ -95,55 +95,55 @@ def reaches_field(protocol: ProtocolTables, obj: Object, time: float) -> bool:
     return math.hypot(dx, dy) < radius
 
 
-def is_drawn(obj: Object, time: float, start: float, end: float) -> bool:
-    """Tell whether an object is drawn at a time; its motion lasts from `start` to `end`."""
+def is_drawn(protocol: ProtocolTables, obj: Object, time: float) -> bool:
+    """Tell whether an object is drawn at a time, in seconds of the clip."""
+    start, end = protocol.motion_of(obj)
     appeared = obj.appears == "start" or time >= start
     return appeared and (obj.vanishes == "never" or time < end)
 
 
-def contact_of_shape(obj: Object, start: float, end: float) -> float | None:
-    """Return when a shape reaches the observer; None if it does not approach, or passes.
+def contact_of_shape(protocol: ProtocolTables, obj: Object) -> float | None:
+    """Return when a shape reaches the observer, in seconds of the clip.
 
-    Its motion lasts from `start` to `end`, in seconds of the clip like the returned time.
+    None if it does not approach, or if it passes.
     """
-    if obj.kind not in LOOMING or obj.reverse or _passes(obj, start, end):
+    if obj.kind not in LOOMING or obj.reverse or _passes(protocol, obj):
         return None
-    return _approach_contact(obj, end)
+    return _approach_contact(protocol, obj)
 
 
-def _approach_contact(obj: Object, end: float) -> float | None:
+def _approach_contact(protocol: ProtocolTables, obj: Object) -> float | None:
     """Return when a shape that approaches would reach the observer; None for other growths."""
     if obj.growth is None or obj.growth.kind != "approach":
         return None
-    return end if obj.growth.contact_s is None else obj.growth.contact_s
+    return protocol.motion_of(obj)[1] if obj.growth.contact_s is None else obj.growth.contact_s
 
 
-def _passes(obj: Object, start: float, end: float) -> bool:
+def _passes(protocol: ProtocolTables, obj: Object) -> bool:
     """Tell whether a shape that grows moves sideways so far that it passes the observer.
 
-    Its motion lasts from `start` to `end`, in seconds of the clip. An object on a straight course
-    passes at a distance, in its own sizes, that equals the movement of its middle divided by the
-    growth of its size, both as angles (Regan and Kaushal 1994, Vision Res 34:163). Above half a
-    size, all of its edges move to the same side. The movement counts from the start to the end of
-    the growth. The shake of the object and the movement of the scene do not count, because they
-    show the movement of a camera.
+    An object on a straight course passes at a distance, in its own sizes, that equals the movement
+    of its middle divided by the growth of its size, both as angles (Regan and Kaushal 1994, Vision
+    Res 34:163). Above half a size, all of its edges move to the same side. The movement counts
+    from the start to the end of the growth. The shake of the object and the movement of the scene
+    do not count, because they show the movement of a camera.
     """
     if obj.growth is None or obj.motion is None:
         return False
-    first, last = _growth_times(obj, obj.growth, start, end)
     motion = replace(obj.motion, shake_deg=0.0)
     before, after = (
-        (_movement(motion, time, obj.axis_deg, "")[0], _extent_of(obj, time, start, end).size)
-        for time in (first, last)
+        (_movement(motion, time, obj.axis_deg, "")[0], _extent_of(protocol, obj, time).size)
+        for time in _growth_times(protocol, obj, obj.growth)
     )
     grown = (before[1] - after[1]) if obj.reverse else (after[1] - before[1])
     return 0 < HIT_SIZES * grown < math.dist(before[0], after[0])
 
 
-def _growth_times(obj: Object, growth: Growth, start: float, end: float) -> tuple[float, float]:
+def _growth_times(protocol: ProtocolTables, obj: Object, growth: Growth) -> tuple[float, float]:
     """Return when a growth starts and ends, in seconds after the start of the motion."""
+    start, end = protocol.motion_of(obj)
     first, last = 0.0, end - start
-    contact = _approach_contact(obj, end)
+    contact = _approach_contact(protocol, obj)
     if contact is not None:
         ratio = (growth.l_over_v_ms or 0.0) / 1000
         if growth.least_deg > 0:
@@ -157,8 +157,8 @@ def _growth_times(obj: Object, growth: Growth, start: float, end: float) -> tupl
         sizes, times = _points_of(growth, obj.size_deg or 0.0)
         rising = [
             line
-            for line, (one, next_one) in enumerate(itertools.pairwise(sizes))
-            if (next_one < one if obj.reverse else next_one > one)
+            for line, (one, following) in enumerate(itertools.pairwise(sizes))
+            if (following < one if obj.reverse else following > one)
         ]
         if rising:
             first, last = times[rising[0]], min(last, times[rising[-1] + 1])
@@ -214,11 +214,11 @@ def _movement(
     return (x, y), (x_speed, y_speed), motion.rotation_deg_s * elapsed
 
 
-def _luminance_at(
-    protocol: ProtocolTables, obj: Object, elapsed: float, start: float, end: float
-) -> float:
-    """Return the luminance `elapsed` seconds after the start of the motion (negative: before)."""
+def _luminance_at(protocol: ProtocolTables, obj: Object, time: float) -> float:
+    """Return the luminance of an object at a time, in seconds of the clip."""
     brightness, base = obj.brightness, obj.base_luminance
+    start, end = protocol.motion_of(obj)
+    elapsed = min(time, end) - start
     if brightness is None or (
         brightness.kind != "approach" and elapsed + ROUNDING_S < brightness.start_s
     ):
@@ -294,23 +294,24 @@ def shaken(motion: Motion | Camera, elapsed: float, seed: str) -> tuple[_Vector,
     return (place[0], place[1]), (speed[0], speed[1])
 
 
-def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
+def _extent_of(protocol: ProtocolTables, obj: Object, elapsed: float) -> Extent:
     """Return the reach of a shape and its speeds, without regard to `reverse`.
 
-    `elapsed` counts from the start of its motion; `start` and `end` are seconds of the clip.
+    `elapsed` counts in seconds from the start of its motion.
     """
     growth, size = obj.growth, obj.size_deg or 0.0
-    contact = _approach_contact(obj, end)
-    if growth is not None and contact is not None:
-        return _approach(growth, contact - start - elapsed)
-    if growth is not None and growth.kind == "edge-speed":
+    if growth is None:
+        return Extent(size / 2, size / 2)
+    contact = _approach_contact(protocol, obj)
+    if contact is not None:
+        return _approach(growth, contact - protocol.motion_of(obj)[0] - elapsed)
+    if growth.kind == "edge-speed":
         return _constant_edge_speed(growth, size, elapsed, obj.reverse)
-    if growth is not None and growth.kind == "path":
+    if growth.kind == "path":
         size, speed = _joined(*_points_of(growth, size), elapsed, obj.reverse)
         return Extent(size / 2, size / 2, speed / 2, speed / 2)
-    if growth is not None:
-        reached = bisect.bisect_right(growth.times_s, elapsed + ROUNDING_S)
-        size = growth.sizes_deg[reached - 1] if reached else size
+    reached = bisect.bisect_right(growth.times_s, elapsed + ROUNDING_S)
+    size = growth.sizes_deg[reached - 1] if reached else size
     return Extent(size / 2, size / 2)
 
 

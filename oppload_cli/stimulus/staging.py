@@ -118,19 +118,18 @@ def sight_of(protocol: ProtocolTables, obj: Object, time: float) -> Sight:
     contact_in_s = None
     if contact is not None and moving and time + ROUNDING_S < contact:
         contact_in_s = contact - time
-    visible = is_drawn(obj, time, start, end) and view.from_camera(offset)[2] > NEAREST_M
+    visible = is_drawn(protocol, obj, time) and view.from_camera(offset)[2] > NEAREST_M
     return Sight(visible, offset, velocity, contact_in_s, view)
 
 
 def contact_of(protocol: ProtocolTables, obj: Object) -> float | None:
     """Return when an object reaches the observer, in seconds of the clip; None if it never does."""
-    start, end = protocol.motion_of(obj)
     if obj.kind != PICTURE:
-        return contact_of_shape(obj, start, end)
+        return contact_of_shape(protocol, obj)
     nearest, distance = _line(protocol, obj).closest()
     if nearest is None or distance > HIT_SIZES * (obj.size_m or 0.0) + 1e-9:
         return None
-    return start + nearest
+    return protocol.motion_of(obj)[0] + nearest
 
 
 def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
