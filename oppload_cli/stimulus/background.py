@@ -29,14 +29,11 @@ from oppload_cli.video.source import open_video
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from oppload_cli.stimulus.courses import Vector
+    from oppload_cli.stimulus.coverage import Floats, Grey, Picture
     from oppload_cli.stimulus.protocol import Protocol
 
-    Picture = NDArray[np.float32]
-    Footage = tuple[tuple[float, ...], NDArray[np.uint8], float]
-    Floats = NDArray[np.float64]
+    Footage = tuple[tuple[float, ...], Grey, float]
     Random = np.random.Generator
 
 
@@ -160,7 +157,7 @@ def _footage(scene: Scene, display: Display, last_s: float, changed: int) -> Foo
     """
     path, width, height = str(scene.background), display.width, display.height
     times: list[float] = []
-    pictures: list[NDArray[np.uint8]] = []
+    pictures: list[Grey] = []
     with open_video(path, height=None) as probe:
         rate, native = probe.facts.frame_rate, probe.working
     _check_size(native.width, native.height, scene, display)
@@ -200,7 +197,7 @@ def _check_size(width: int, height: int, scene: Scene, display: Display) -> None
         )
 
 
-def _covering(luma: Picture, width: int, height: int) -> NDArray[np.uint8]:
+def _covering(luma: Picture, width: int, height: int) -> Grey:
     """Scale a picture until it covers the display, and return the part in its middle."""
     scale = max(width / luma.shape[1], height / luma.shape[0])
     if abs(scale - 1) > 1e-9:

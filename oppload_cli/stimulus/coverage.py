@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
+    Picture = NDArray[np.float32]
+    Grey = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,8 @@ from oppload_cli.video.writers import FORMATS, open_writer, png_bytes
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from oppload_cli.stimulus.coverage import Grey
     from oppload_cli.stimulus.protocol import Protocol
-
-    Grey = NDArray[np.uint8]
 
 
 _GUTTER = 6  # pixels between the pictures of a contact sheet

@@ -13,11 +13,9 @@ from oppload_cli.errors import StimulusError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from oppload_cli.stimulus.coverage import Floats, Picture
     from oppload_cli.stimulus.geometry import Pose
     from oppload_cli.stimulus.objects import Object
-
-    Floats = NDArray[np.float64]
-    Picture = NDArray[np.float32]
 
 
 _MOST_DOTS = 1_000_000

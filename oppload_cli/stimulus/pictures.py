@@ -17,12 +17,9 @@ from oppload_cli.video.images import read_transparent
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from oppload_cli.stimulus.coverage import Floats, Picture
     from oppload_cli.stimulus.objects import Object
 
-    Floats = NDArray[np.float64]
-    Picture = NDArray[np.float32]
 
 _SIDE = 512  # texels of the longer side of a drawing
 # The longer side of an image is scaled to lie between these numbers of texels.

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Picture = NDArray[np.float32]
+    from oppload_cli.stimulus.coverage import Floats, Picture
 
 
 # The luminance of each grey value, as reading a lossless file gives it.
@@ -145,7 +144,7 @@ class Renderer:
             picture = np.clip(picture + np.float32(effects.noise) * noise, 0.0, 1.0)
         return picture
 
-    def _blurred(self, time: float) -> NDArray[np.float32]:
+    def _blurred(self, time: float) -> Picture:
         """Return the mean of pictures from the time while the shutter is open around `time`."""
         effects, rate = self.protocol.effects, float(self.protocol.display.frame_rate)
         count = effects.shutter_samples
@@ -156,7 +155,7 @@ class Renderer:
             total += self._picture(time + float(shift), time)
         return total / np.float32(count)
 
-    def _picture(self, time: float, frame_s: float) -> NDArray[np.float32]:
+    def _picture(self, time: float, frame_s: float) -> Picture:
         """Draw the scene at a time at which the shutter is open; `frame_s` is that of the frame."""
         picture = self._background.picture(time, frame_s)
         for painter in self._painters:

@@ -20,10 +20,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.stimulus.courses import Vector
+    from oppload_cli.stimulus.coverage import Floats, Picture
     from oppload_cli.stimulus.staging import View
 
-    Floats = NDArray[np.float64]
-    Picture = NDArray[np.float32]
     Rectangle = tuple[float, float, float, float]
 
 _TAPS = 4  # samples along the longer side of the area that a pixel covers
