@@ -269,11 +269,11 @@ def _noise(random: Random, exponent: float = 1.0) -> Picture:
     return noise_tile(_SIDE, exponent, 3.0, random)
 
 
-def _repeated(values: Floats | Picture) -> Texture:
+def _repeated(values: Picture) -> Texture:
     return Texture(np.clip(values, 0, 1).astype(np.float32), repeats=True)
 
 
-def _backdrop(values: Floats | Picture, wide_m: float) -> list[Surface]:
+def _backdrop(values: Picture, wide_m: float) -> list[Surface]:
     """Return a picture very far away, ahead and on both sides; it repeats every `wide_m` metres."""
     texture, far = _repeated(values), _BACKDROP_M
     sides: tuple[tuple[Vector, Vector], ...] = (
@@ -287,7 +287,7 @@ def _backdrop(values: Floats | Picture, wide_m: float) -> list[Surface]:
     ]
 
 
-def _level(values: Floats | Picture, up: float, tile_m: float, clear_m: float) -> Surface:
+def _level(values: Picture, up: float, tile_m: float, clear_m: float) -> Surface:
     """Return an endless ground or ceiling, `up` metres above the camera.
 
     The middle column of its repeating texture lies straight ahead.
@@ -297,7 +297,7 @@ def _level(values: Floats | Picture, up: float, tile_m: float, clear_m: float) -
 
 
 def _wall(
-    values: Floats | Picture, at: Vector, along: Vector, size: tuple[float, float, float]
+    values: Picture, at: Vector, along: Vector, size: tuple[float, float, float]
 ) -> Surface:
     """Return an upright wall.
 
@@ -327,7 +327,7 @@ def _plane(random: Random, down: float) -> _Surroundings:
     return _Surroundings([_level(ground, down, 8.0, 0.0)], 0.8)
 
 
-def _facade(random: Random) -> Floats:
+def _facade(random: Random) -> Picture:
     """Return a plastered wall with four rows of four windows."""
     wall = 0.4 * (1 + 0.1 * _noise(random)) * random.uniform(0.8, 1.4)
     cell = _SIDE // 4
@@ -339,7 +339,7 @@ def _facade(random: Random) -> Floats:
             wall[top - 4 : top + high + 4, left - 4 : left + wide + 4] = random.uniform(0.5, 0.8)
             pane[:] = random.uniform(0.08, 0.35)
             pane[high // 2 - 1 : high // 2 + 2] = 0.6
-    return np.asarray(wall, np.float64)
+    return wall
 
 
 def _street(random: Random, down: float) -> _Surroundings:
