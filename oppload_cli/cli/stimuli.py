@@ -60,7 +60,7 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
     found = [(entry, entry.with_settings(parsed_settings(changes))) for entry in find(name)]
     say_remarks([protocol for _, entry in found for protocol in entry.protocols()])
     if as_json:
-        changed = [entry.telling_changes() for _, entry in found]
+        changed = [entry.with_changes_described() for _, entry in found]
         tables = [protocol.as_table() for entry in changed for protocol in entry.protocols()]
         click.echo(json.dumps(tables, indent=2, ensure_ascii=False))
         return
@@ -108,9 +108,9 @@ def generate(
     part of a name is enough, or any part that no other name has. FILE is a .toml of your own, GLOB
     a pattern such as 'klapoetke2017/*'. The command prints the paths of the videos.
     """
-    from oppload_cli.stimulus.files import named, not_made_yet, write_all
+    from oppload_cli.stimulus.files import not_made_yet, stimuli_named, write_all
 
-    protocols, problems = named(names, parsed_settings(changes), form)
+    protocols, problems = stimuli_named(names, parsed_settings(changes), form)
     wanted = not_made_yet(protocols, output, form, if_exists)
     say_remarks(protocols)
     if form == "mp4":
@@ -171,7 +171,7 @@ def _shown(original: Entry, entry: Entry) -> str:
     first = protocols[0]
     display = first.display
     changes = [
-        f"{dotted} = {in_toml(value)}, {_in_file(original.held(dotted))}"
+        f"{dotted} = {in_toml(value)}, {_in_file(original.value_of(dotted))}"
         for dotted, value in entry.changes.items()
     ]
     facts = {

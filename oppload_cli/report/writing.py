@@ -263,7 +263,7 @@ def _page(
         policy=_policy(_script("uPlot"), _script("result")),
         chart=_script("uPlot"),
         script=_script("result"),
-        style=_part("uplot", "uPlot.min.css"),
+        style=_template("uplot", "uPlot.min.css"),
         data=content.data() | {"video": video},
         film=base64.b64encode(copy.content).decode("ascii") if copy and copy.content else "",
         title=printable(title),
@@ -347,11 +347,11 @@ def _spark_row(value: float) -> float:
 def _script(name: str) -> str:
     """Return a script of the pages; uPlot with the notice that its licence asks for."""
     if name != "uPlot":
-        return _part(f"{name}.js")
-    return f"/*\n{_part('uplot', 'LICENSE')}*/\n{_part('uplot', 'uPlot.iife.min.js')}"
+        return _template(f"{name}.js")
+    return f"/*\n{_template('uplot', 'LICENSE')}*/\n{_template('uplot', 'uPlot.iife.min.js')}"
 
 
-def _part(*names: str) -> str:
+def _template(*names: str) -> str:
     return files(__package__).joinpath("templates", *names).read_text("utf-8")
 
 

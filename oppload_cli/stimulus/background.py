@@ -296,9 +296,7 @@ def _level(values: Picture, up: float, tile_m: float, clear_m: float) -> Surface
     return Surface((0, up, 0), RIGHT, AHEAD, texture, tile_m, corner, clear_m=clear_m)
 
 
-def _wall(
-    values: Picture, at: Vector, along: Vector, size: tuple[float, float, float]
-) -> Surface:
+def _wall(values: Picture, at: Vector, along: Vector, size: tuple[float, float, float]) -> Surface:
     """Return an upright wall.
 
     `at` is its lower corner, `along` its direction, `size` its length, its height and the side of

@@ -85,7 +85,7 @@ class Entry:
             If two values of a key give members of the same name.
         """
         for dotted, values in self.sweep.items():
-            if len({_text(value) for value in values}) < len(values):
+            if len({_in_name(value) for value in values}) < len(values):
                 raise StimulusError(
                     f"{self.label}: sweep: two values of {dotted} give stimuli of the same name; "
                     "make them differ more"
@@ -93,7 +93,7 @@ class Entry:
         members = {}
         for combination in itertools.product(*self.sweep.values()):
             chosen = dict(zip(self.sweep, combination, strict=True))
-            name = f"{self.name}/{_label_of(chosen)}" if chosen else self.name
+            name = f"{self.name}/{_last_part(chosen)}" if chosen else self.name
             if fnmatch.fnmatchcase(name, self.only):
                 members[name] = chosen
         return members
@@ -179,14 +179,14 @@ class Entry:
             raise StimulusError(str(error)) from None
         return dict(zip(keys, settings.values(), strict=True))
 
-    def telling_changes(self) -> Entry:
+    def with_changes_described(self) -> Entry:
         """Return a copy whose description, which the changes may contradict, lists the changes."""
         if not self.changes or "description" in self.changes:
             return self
         description = f"{self.description} (changed: {_listed(self.changes)})".lstrip()
         return replace(self, table={**self.table, "description": description})
 
-    def held(self, dotted: str) -> object:
+    def value_of(self, dotted: str) -> object:
         """Return the value of a dotted key, the list of values of a swept key, or None."""
         return self.sweep.get(dotted, value_at(self.table, dotted))
 
@@ -407,8 +407,8 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
             f"settings must be a dict, e.g. {{'display.frame_rate': 60}}, not {settings!r:.60}"
         )
     found = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
-    changed = [entry.with_settings(settings or {}, "settings").telling_changes() for entry in found]
-    return [protocol for entry in changed for protocol in entry.protocols()]
+    changed = [entry.with_settings(settings or {}, "settings") for entry in found]
+    return [each for entry in changed for each in entry.with_changes_described().protocols()]
 
 
 def parsed_settings(texts: Iterable[str]) -> dict[str, Any]:
@@ -466,23 +466,24 @@ def _listed(changes: dict[str, Any]) -> str:
     return ", ".join(f"{dotted} = {in_toml(value)}" for dotted, value in changes.items())
 
 
-def _label_of(values: dict[str, Any]) -> str:
+def _last_part(values: dict[str, Any]) -> str:
     """Return the last part of a member's name, such as ``speed-20_width-10``."""
     leaves = [dotted.rpartition(".")[2] for dotted in values]
     names = leaves if len(set(leaves)) == len(leaves) else list(values)
     pairs = zip(names, values.values(), strict=True)
-    return "_".join(f"{_word(name)}-{_text(value)}" for name, value in pairs)
+    return "_".join(f"{_without_unit(name)}-{_in_name(value)}" for name, value in pairs)
 
 
-def _word(name: str) -> str:
+def _without_unit(name: str) -> str:
     """Remove the unit from a key: ``speed_deg_s`` becomes ``speed``."""
     plain = re.sub(r"(_px)?(_deg_s|_deg|_ms|_s|_hz|_per_s)$", "", name)
     return re.sub(r"[._]+", "-", plain)
 
 
-def _text(value: object) -> str:
+def _in_name(value: object) -> str:
+    """Return a swept value as a part of a member's name."""
     if isinstance(value, list):
-        return "x".join(_text(one) for one in value)
+        return "x".join(_in_name(one) for one in value)
     if isinstance(value, float):
         return f"{value:g}"
     return re.sub(r"[^A-Za-z0-9.+-]+", "-", str(value).lower())

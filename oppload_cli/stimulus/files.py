@@ -129,7 +129,7 @@ def _check_fits(protocol: Protocol, form: str, where: str) -> None:
         )
 
 
-def named(
+def stimuli_named(
     names: Sequence[str], settings: dict[str, Any], form: str
 ) -> tuple[list[Protocol], list[OpploadError]]:
     """Return the stimuli that :func:`find` finds, and an error for each name that is wrong.
@@ -141,7 +141,7 @@ def named(
     for name in names:
         try:
             for entry in find(name):
-                changed = entry.with_settings(settings).telling_changes()
+                changed = entry.with_settings(settings).with_changes_described()
                 for protocol in changed.protocols():
                     _check_fits(protocol, form, changed.label)
                     if found.setdefault(protocol.name, protocol) != protocol:

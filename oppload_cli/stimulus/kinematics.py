@@ -71,7 +71,7 @@ def aperture_centre(protocol: ProtocolTables, obj: Object) -> tuple[float, float
     return x + scene.centre_deg[0], y + scene.centre_deg[1]
 
 
-def reaches_field(protocol: ProtocolTables, obj: Object, time: float) -> bool:
+def shape_may_show(protocol: ProtocolTables, obj: Object, time: float) -> bool:
     """Tell whether a shape or a pattern may touch the display at a time, in seconds of the clip.
 
     The answer is False if the object is not drawn, or if the circle around a shape is outside the

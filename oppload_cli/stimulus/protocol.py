@@ -19,7 +19,7 @@ from oppload_cli.errors import StimulusError, faults_at, suggestion
 from oppload_cli.schema import REQUIRED, Parameter, Table
 from oppload_cli.stimulus.kinematics import ROUNDING_S, pose_of
 from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Motion, Object
-from oppload_cli.stimulus.staging import check_stage, enters
+from oppload_cli.stimulus.staging import check_stage, may_show
 from oppload_cli.stimulus.tables import TABLES, ProtocolTables, Scene
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def _check_inside(protocol: Protocol, obj: Object) -> None:
     if obj.kind in FIELDS:
         return
     times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
-    if not any(enters(protocol, obj, time) for time in times):
+    if not any(may_show(protocol, obj, time) for time in times):
         display = protocol.display
         wide, high = display.width / display.scale, display.height / display.scale
         changed = "its course" if obj.kind == PICTURE else "centre_deg, its size or its motion"

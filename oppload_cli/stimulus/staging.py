@@ -19,8 +19,8 @@ from oppload_cli.stimulus.kinematics import (
     ROUNDING_S,
     contact_of_shape,
     is_drawn,
-    reaches_field,
     shaken,
+    shape_may_show,
 )
 from oppload_cli.stimulus.objects import PICTURE, Object
 from oppload_cli.stimulus.tables import Camera, ProtocolTables
@@ -141,10 +141,10 @@ def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
     return distance / (obj.size_m or 1.0)
 
 
-def enters(protocol: ProtocolTables, obj: Object, time: float) -> bool:
+def may_show(protocol: ProtocolTables, obj: Object, time: float) -> bool:
     """Tell whether an object may touch the display; of a picture counts the square around it."""
     if obj.kind != PICTURE:
-        return reaches_field(protocol, obj, time)
+        return shape_may_show(protocol, obj, time)
     sight, half = sight_of(protocol, obj, time), (obj.size_m or 0.0) / 2
     if not sight.visible:
         return False
