@@ -281,27 +281,25 @@ def _limits(values: NDArray[np.float64]) -> tuple[float, float]:
 def _page(
     benchmark: Benchmark, summaries: Mapping[str, _Summary], pictures: Mapping[str, bytes]
 ) -> str:
-    clips = []
-    if benchmark.clips is not None:
-        chosen = (
-            ("detection_rate", "at 1 per minute"),
-            ("detection_rate", "alarm as shipped"),
-            ("false_alarms_per_minute", "alarm as shipped"),
-            ("roc_auc", "last second before contact"),
-        )
-        values = {
-            (each.detector, each.measure, each.condition): each.value
-            for each in benchmark.clips.measurements
-        }
-        clips = [
-            (name, [values.get((name, *which), math.nan) for which in chosen])
-            for name in benchmark.names
-        ]
+    columns = (
+        ("detection_rate", "at 1 per minute"),
+        ("detection_rate", "alarm as shipped"),
+        ("false_alarms_per_minute", "alarm as shipped"),
+        ("roc_auc", "last second before contact"),
+    )
+    values = {
+        (each.detector, each.measure, each.condition): each.value
+        for each in (benchmark.clips.measurements if benchmark.clips else ())
+    }
+    clips = {
+        name: [values.get((name, *column), math.nan) for column in columns]
+        for name in benchmark.names
+    }
     return rendered(
         "benchmark.html",
         summaries=sorted(summaries.items(), key=lambda item: -np.nan_to_num(item[1].auc, nan=-1.0)),
         tables=[(table, embedded(pictures[table.name])) for table in benchmark.tables],
-        clips=clips,
+        clips=clips if values else {},
         detectors=benchmark.detectors,
         label_of=label_of,
         number=number,

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 _DIGITS = 4  # of a number in the page; the table has all digits
 _PARTS = ("input", "working", "decode", "tool")  # of the sidecar, among the settings
 _RMO_CURVES = ("rmo_index", "rmo_mean")
+_DETECTION = (*Box._fields, "centre_x", "centre_y", "id", "alarm", "time_to_contact_s")
 
 
 class Curve(NamedTuple):
@@ -251,12 +252,6 @@ def _boxes(result: BaseResult, name: str) -> _Boxes:
         on = alarm is not None and bool(alarm.iloc[row] == 1)
         boxes[int(row)] = [[*map(_short, table[row].tolist()), None, None, None, on, None]]
     return boxes
-
-
-_DETECTION = (
-    *Box._fields,
-    *("centre_x", "centre_y", "id", "alarm", "time_to_contact_s"),
-)
 
 
 def _truth(result: BaseResult) -> dict[str, Any] | None:

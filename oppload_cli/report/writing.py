@@ -210,17 +210,17 @@ def _refuse_other(index: Path) -> None:
 def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
     result = read_result(item.table)
     content = Content.of(result)
-    beside = item.page.with_name(item.page.name.removesuffix(_PAGE) + REPORTED)
+    path = item.page.with_name(item.page.name.removesuffix(_PAGE) + REPORTED)
     copy: _VideoCopy | None = None
     try:
         name = find_video(result, item.videos)
-        copy = _copy_video(result, name, beside, still=content.strongest.best, tell=tell)
+        copy = _copy_video(result, name, path, still_row=content.strongest.best, tell=tell)
         video_notes = [copy.note] if copy.note else []
     except SourceError as error:
         video_notes = [f"the page has no video ({error})"]
     notes = [*content.notes, *video_notes]
     index = _address(item.index_path, item.page) if item.index_path else None
-    write_atomic(item.page, _page(content, copy, beside, notes, title=item.title, index=index))
+    write_atomic(item.page, _page(content, copy, notes, title=item.title, index=index))
     strongest = content.strongest
     times = result.frames["time_s"].to_numpy(float)
     return _IndexRow(
@@ -242,19 +242,13 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
 
 
 def _page(
-    content: Content,
-    copy: _VideoCopy | None,
-    beside: Path,
-    notes: list[str],
-    *,
-    title: str,
-    index: str | None,
+    content: Content, copy: _VideoCopy | None, notes: list[str], *, title: str, index: str | None
 ) -> str:
-    """Return the page of a result as HTML; `beside` is the path of a copy that is a file."""
+    """Return the page of a result as HTML."""
     video = copy and {
         "times": [round(t, 7) if np.isfinite(t) else None for t in copy.times_s.tolist()],
-        "address": None if copy.content is not None else _address(beside, beside),
-        "name": printable(beside.name),
+        "address": None if copy.content is not None else _address(copy.path, copy.path),
+        "name": printable(copy.path.name),
     }
     return rendered(
         "result.html",
@@ -372,20 +366,21 @@ def _policy(*scripts: str) -> str:
 
 @dataclass(frozen=True)
 class _VideoCopy:
+    path: Path  # of the copy, if it is a file beside the page
     times_s: NDArray[np.float64]  # of the frame of each row; NaN if the copy lacks the frame
     still: bytes  # the frame of one row as JPEG; empty if it was not decoded
-    content: bytes | None  # the MP4; None if the copy is a file beside the page
+    content: bytes | None  # the MP4; None if the copy is a file
     note: str  # a possible fault of the copy, as a sentence; else empty
 
 
 def _copy_video(
-    result: BaseResult, name: str, path: Path, *, still: int, tell: Callable[[int], object]
+    result: BaseResult, name: str, path: Path, *, still_row: int, tell: Callable[[int], object]
 ) -> _VideoCopy:
     """Encode the frames of a result from the video `name`.
 
-    A copy that is too large to be embedded is the file `path`. The frame of the row `still` is
-    also kept as a picture. A SourceError is raised if the video cannot be read, or contains none of
-    the frames.
+    A copy that is too large to be embedded is the file `path`. The frame of `still_row` is also
+    kept as a picture. A SourceError is raised if the video cannot be read, or contains none of the
+    frames.
     """
     frames = result.frames["frame"].to_numpy(int)
     rows = {int(frame): row for row, frame in enumerate(frames)}
@@ -410,7 +405,7 @@ def _copy_video(
                 row = rows.get(frame)
                 if row is not None:
                     times_s[row] = written_s
-                    picture = _jpeg(planes) if row == still else picture
+                    picture = _jpeg(planes) if row == still_row else picture
                 progress(1)
             progress.flush()
             if np.isnan(times_s).all():
@@ -426,7 +421,8 @@ def _copy_video(
     finally:
         stop(source, ahead)
         file.discard()
-    return _VideoCopy(times_s, picture, content, _difference(result, name, source.facts, times_s))
+    note = _difference(result, name, source.facts, times_s)
+    return _VideoCopy(path, times_s, picture, content, note)
 
 
 def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:

@@ -276,15 +276,9 @@ def _repeated(values: Picture) -> Texture:
 def _backdrop(values: Picture, wide_m: float) -> list[Surface]:
     """Return a picture very far away, ahead and on both sides; it repeats every `wide_m` metres."""
     texture, far = _repeated(values), _BACKDROP_M
-    sides: tuple[tuple[Vector, Vector], ...] = (
-        ((0.0, 0.0, far), RIGHT),
-        ((-far, 0.0, 0.0), AHEAD),
-        ((far, 0.0, 0.0), AHEAD),
-    )
-    extent = (-far, -far, far, far)
-    return [
-        Surface(at, along, UP, texture, wide_m, (0.0, wide_m / 2), extent) for at, along in sides
-    ]
+    corner, extent = (0.0, wide_m / 2), (-far, -far, far, far)
+    sides = [((0.0, 0.0, far), RIGHT), ((-far, 0.0, 0.0), AHEAD), ((far, 0.0, 0.0), AHEAD)]
+    return [Surface(at, along, UP, texture, wide_m, corner, extent) for at, along in sides]
 
 
 def _level(values: Picture, up: float, tile_m: float, clear_m: float) -> Surface:

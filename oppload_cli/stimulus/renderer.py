@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import TYPE_CHECKING
 
 import cv2
@@ -149,11 +149,8 @@ class Renderer:
         effects, rate = self.protocol.effects, float(self.protocol.display.frame_rate)
         count = effects.shutter_samples
         shifts = ((np.arange(count) + 0.5) / count - 0.5) * effects.shutter / rate
-        display = self.protocol.display
-        total = np.zeros((display.height, display.width), dtype=np.float32)
-        for shift in shifts:
-            total += self._picture(time + float(shift), time)
-        return total / np.float32(count)
+        pictures = (self._picture(time + float(shift), time) for shift in shifts)
+        return reduce(np.add, pictures) / np.float32(count)
 
     def _picture(self, time: float, frame_s: float) -> Picture:
         """Draw the scene at a time at which the shutter is open; `frame_s` is that of the frame."""

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     Series = NDArray[np.float64]
 
 
+_ONSET_SHARE = 0.1  # of the peak, which the response reaches at its onset
+
+
 @dataclass(frozen=True)
 class Responses:
     """The responses of one detector to the n frames of one stimulus."""
@@ -133,9 +136,6 @@ def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
         share = 1 - math.exp(-(time_s[index] - time_s[index - 1]) / constant_s)
         signal[index] = signal[index - 1] + share * (known[index] - signal[index - 1])
     return signal
-
-
-_ONSET_SHARE = 0.1
 
 
 @dataclass(frozen=True)
