@@ -241,10 +241,9 @@ def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecor
 def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence[str]) -> None:
     text, area = layout.text, layout.header
     middle = area.y + layout.line + (area.height - layout.line) // 2
-    clock = f"{record.time_s:.2f} s"
+    clock, frame = f"{record.time_s:.2f} s", f"frame {record.frame}"
     _write(canvas, clock, (area.x, middle), text, DARK, bold=True)
     left = area.x + max(_width_of(clock, text, bold=True), 4 * text) + text
-    frame = f"frame {record.frame}"
     _write(canvas, frame, (left, middle), text, DARK)
     left += max(_width_of(frame, text), 5 * text) + text
     if alarming:
@@ -264,8 +263,8 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
         if name in alarming:
             _sign(canvas, label, (right, middle), text, colour)
         else:
-            at = (right + text // 2, middle)
-            _write(canvas, label, at, text, bgr(ink_of(colour)), bold=True)
+            ink = bgr(ink_of(colour))
+            _write(canvas, label, (right + text // 2, middle), text, ink, bold=True)
         right -= text // 2
 
 
@@ -347,15 +346,10 @@ def _curve(
         if not known:
             continue
         stretch = list(group)
-        places = [
-            (
-                layout.column_of(each.time_s, history),
-                layout.level_row(each.ratio or 0.0, history.scale),
-            )
-            for each in stretch
-        ]
+        columns = [layout.column_of(each.time_s, history) for each in stretch]
+        rows = [layout.level_row(each.ratio or 0.0, history.scale) for each in stretch]
         # In a damaged file, times may jump far away, and OpenCV's coordinates are integers.
-        near = np.clip(places, -_FURTHEST, _FURTHEST)
+        near = np.clip(np.column_stack([columns, rows]), -_FURTHEST, _FURTHEST)
         fine = np.rint(near * (1 << _FINE)).astype(np.int32)
         cv2.polylines(plot, [fine], False, paint, layout.line, cv2.LINE_AA, _FINE)
         thick = [fine[at : at + 2] for at, each in enumerate(stretch[:-1]) if each.alarm]

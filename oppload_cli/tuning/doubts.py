@@ -212,18 +212,17 @@ def _unlike_neurons(settings: Settings, height: int, indicator_s: float) -> Iter
     for name in settings.models:
         if getattr(resolved[name], "judgement", "") != _NEURON:
             continue
-        missing, advice = [], []
+        remedies = {}  # by cause
         if not indicator_s:
-            missing, advice = ["no indicator"], ["--indicator 1"]
+            remedies["no indicator"] = "--indicator 1"
         if getattr(resolved[name], "units", _ONE_UNIT) != _ONE_UNIT:
-            missing.append("more than one unit")
-            advice.append(f"--set {name}.units={_ONE_UNIT}")
-        if missing:
-            cause = " and ".join(missing)
+            remedies["more than one unit"] = f"--set {name}.units={_ONE_UNIT}"
+        if remedies:
+            cause = " and ".join(remedies)
             yield Doubt(
                 name,
                 f"{cause}: larger for bars than in LPLC2 neurons",
                 f"{detector_named(name).label}: LPLC2 neurons were measured one at a time, with a "
                 f"calcium indicator; with {cause}, the responses to bars are several times as "
-                f"large as those of the neurons; add {' and '.join(advice)}",
+                f"large as those of the neurons; add {' and '.join(remedies.values())}",
             )
