@@ -110,11 +110,6 @@ class Layout:
         margin = 2 * self.line  # the radius of the dot at the latest point
         return margin + (self.plot.height - 1 - 2 * margin) * below / _DECADES
 
-    def column_of(self, time_s: float, history: History) -> float:
-        """Return the column of the plot for a presentation time."""
-        width = self.plot.width - 1 - 2 * self.line
-        return width * (time_s - history.start_s) / history.window_s
-
 
 def _even(number: int) -> int:
     return number + number % 2
@@ -154,18 +149,27 @@ class _Point(NamedTuple):
     alarm: bool
 
 
-class History:
-    """The curves of the latest seconds.
+class Strip:
+    """The strip below the picture: it keeps the curves of the latest seconds, and draws them.
+
+    The scale is logarithmic, from 1/30 to 300 times the alarm's threshold. If the alarms are off,
+    it is from 1/3000 to 3 times the largest response so far. While an alarm is on, the ground is
+    shaded, and the curve of the alarm's detector is thicker.
 
     Parameters
     ----------
+    layout : Layout
+        The sizes in the annotated video.
     detectors : sequence of str
         The detectors with a curve.
     duration_s : float, optional
         The duration of the video: the time axis of a short video has this length.
     """
 
-    def __init__(self, detectors: Sequence[str], duration_s: float | None = None) -> None:
+    def __init__(
+        self, layout: Layout, detectors: Sequence[str], duration_s: float | None = None
+    ) -> None:
+        self._layout = layout
         self.points: dict[str, deque[_Point]] = {  # in the order of the frames
             name: deque(maxlen=_MOST_FRAMES) for name in detectors
         }
@@ -177,7 +181,7 @@ class History:
         self._repeats = 0
 
     def add(self, record: FrameRecord) -> None:
-        """Take the record of the next frame.
+        """Take the record of the next frame without drawing it.
 
         Detectors do not see repeats, so that up to five repeats in a row give no point.
         """
@@ -216,26 +220,68 @@ class History:
         """Time at the left edge of the plot; it changes only when the plot is full."""
         return max(self._first_s or 0.0, self._now_s - self.window_s)
 
+    def column_of(self, time_s: float) -> float:
+        """Return the column of the plot for a presentation time."""
+        width = self._layout.plot.width - 1 - 2 * self._layout.line
+        return width * (time_s - self.start_s) / self.window_s
 
-def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecord) -> None:
-    """Draw the strip below the picture of a frame; `history` must already contain `record`.
+    def draw(self, canvas: Bgr, record: FrameRecord) -> None:
+        """Take the record of the next frame, and draw the strip below the frame's picture."""
+        self.add(record)
+        layout = self._layout
+        canvas[layout.header.y :] = _WHITE
+        alarming = [name for name in record.responses if record.alarms.get(name, False)]
+        _header(canvas, layout, record, alarming)
+        plot = canvas[layout.plot.slices]
+        for points in self.points.values():
+            self._shade(plot, list(points))
+        _grid(canvas, layout, self.scale)
+        self._ticks(canvas)
+        for name, points in reversed(self.points.items()):
+            self._curve(plot, list(points), bgr(detector_named(name).colour))
+        edge, line = (DARK, 2 * layout.line) if alarming else (_DIM, layout.line)
+        canvas[layout.header.y : layout.header.y + line] = edge
 
-    The scale is logarithmic, from 1/30 to 300 times the alarm's threshold. If the alarms are off,
-    it is from 1/3000 to 3 times the largest response so far. While an alarm is on, the ground is
-    shaded, and the curve of the alarm's detector is thicker.
-    """
-    canvas[layout.header.y :] = _WHITE
-    alarming = [name for name in record.responses if record.alarms.get(name, False)]
-    _header(canvas, layout, record, alarming)
-    plot = canvas[layout.plot.slices]
-    for points in history.points.values():
-        _shade(plot, layout, history, list(points))
-    _grid(canvas, layout, history.scale)
-    _ticks(canvas, layout, history)
-    for name, points in reversed(history.points.items()):
-        _curve(plot, layout, history, list(points), bgr(detector_named(name).colour))
-    edge, line = (DARK, 2 * layout.line) if alarming else (_DIM, layout.line)
-    canvas[layout.header.y : layout.header.y + line] = edge
+    def _ticks(self, canvas: Bgr) -> None:
+        """Draw the ticks of the time axis, each with its number in seconds."""
+        plot, text = self._layout.plot, self._layout.text
+        step = _tick_step(self.window_s)
+        digits = max(0, -math.floor(math.log10(step)))
+        number = math.ceil(self.start_s / step - 1e-9)
+        while (column := round(self.column_of(number * step))) < plot.width:
+            x, foot = plot.x + column, plot.y + plot.height
+            canvas[foot - text // 3 : foot, x : x + 1] = _DIM
+            label = f"{number * step:.{digits}f} s"
+            width = _width_of(label, text)
+            at = min(x - width // 2, self._layout.width - width - 1)
+            _write(canvas, label, (at, foot + round(0.7 * text)), text, _DIM)
+            number += 1
+
+    def _shade(self, plot: Bgr, points: list[_Point]) -> None:
+        for point, following in pairwise([*points, *points[-1:]]):
+            if point.alarm:
+                first = math.floor(self.column_of(point.time_s))
+                last = math.ceil(self.column_of(following.time_s))
+                plot[:, max(0, first) : max(0, last + 1)] = _SHADE
+
+    def _curve(self, plot: Bgr, points: list[_Point], paint: _Paint) -> None:
+        """Draw lines between known ratios, thick in an alarm, and a dot at the latest point."""
+        layout = self._layout
+        for known, group in groupby(points, key=lambda each: each.ratio is not None):
+            if not known:
+                continue
+            stretch = list(group)
+            columns = [self.column_of(each.time_s) for each in stretch]
+            rows = [layout.level_row(each.ratio or 0.0, self.scale) for each in stretch]
+            # In a damaged file, times may jump far away, and OpenCV's coordinates are integers.
+            near = np.clip(np.column_stack([columns, rows]), -_FURTHEST, _FURTHEST)
+            fine = np.rint(near * (1 << _FINE)).astype(np.int32)
+            cv2.polylines(plot, [fine], False, paint, layout.line, cv2.LINE_AA, _FINE)
+            thick = [fine[at : at + 2] for at, each in enumerate(stretch[:-1]) if each.alarm]
+            cv2.polylines(plot, thick, False, paint, 2 * layout.line, cv2.LINE_AA, _FINE)
+        if points and points[-1].ratio is not None:
+            x, y = fine[-1].tolist()
+            cv2.circle(plot, (x, y), 2 * layout.line << _FINE, paint, -1, cv2.LINE_AA, _FINE)
 
 
 def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence[str]) -> None:
@@ -312,51 +358,6 @@ def _tick_step(window_s: float) -> float:
     least = window_s / _MOST_TICKS
     power = 10.0 ** math.floor(math.log10(least))
     return next(step * power for step in (1, 2, 5, 10) if step * power >= least * (1 - 1e-9))
-
-
-def _ticks(canvas: Bgr, layout: Layout, history: History) -> None:
-    """Draw the ticks of the time axis, each with its number in seconds."""
-    plot, text = layout.plot, layout.text
-    step = _tick_step(history.window_s)
-    digits = max(0, -math.floor(math.log10(step)))
-    number = math.ceil(history.start_s / step - 1e-9)
-    while (column := round(layout.column_of(number * step, history))) < plot.width:
-        x, foot = plot.x + column, plot.y + plot.height
-        canvas[foot - text // 3 : foot, x : x + 1] = _DIM
-        label = f"{number * step:.{digits}f} s"
-        width = _width_of(label, text)
-        at = min(x - width // 2, layout.width - width - 1)
-        _write(canvas, label, (at, foot + round(0.7 * text)), text, _DIM)
-        number += 1
-
-
-def _shade(plot: Bgr, layout: Layout, history: History, points: list[_Point]) -> None:
-    for point, following in pairwise([*points, *points[-1:]]):
-        if point.alarm:
-            first = math.floor(layout.column_of(point.time_s, history))
-            last = math.ceil(layout.column_of(following.time_s, history))
-            plot[:, max(0, first) : max(0, last + 1)] = _SHADE
-
-
-def _curve(
-    plot: Bgr, layout: Layout, history: History, points: list[_Point], paint: _Paint
-) -> None:
-    """Draw lines between points with a ratio, thick in an alarm, and a dot at the latest point."""
-    for known, group in groupby(points, key=lambda each: each.ratio is not None):
-        if not known:
-            continue
-        stretch = list(group)
-        columns = [layout.column_of(each.time_s, history) for each in stretch]
-        rows = [layout.level_row(each.ratio or 0.0, history.scale) for each in stretch]
-        # In a damaged file, times may jump far away, and OpenCV's coordinates are integers.
-        near = np.clip(np.column_stack([columns, rows]), -_FURTHEST, _FURTHEST)
-        fine = np.rint(near * (1 << _FINE)).astype(np.int32)
-        cv2.polylines(plot, [fine], False, paint, layout.line, cv2.LINE_AA, _FINE)
-        thick = [fine[at : at + 2] for at, each in enumerate(stretch[:-1]) if each.alarm]
-        cv2.polylines(plot, thick, False, paint, 2 * layout.line, cv2.LINE_AA, _FINE)
-    if points and points[-1].ratio is not None:
-        x, y = fine[-1].tolist()
-        cv2.circle(plot, (x, y), 2 * layout.line << _FINE, paint, -1, cv2.LINE_AA, _FINE)
 
 
 def draw_detections(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from oppload_cli.annotation.frame import DARK, History, Layout, draw_detections, draw_strip
+from oppload_cli.annotation.frame import DARK, Layout, Strip, draw_detections
 from oppload_cli.errors import OpploadError
 from oppload_cli.files.atomic import PartFile, output_errors
 from oppload_cli.models.registry import placing_detector
@@ -80,7 +80,8 @@ class AnnotatedVideo:
         self._layout = layout = Layout.of(facts)
         self._blank = np.full((layout.height, layout.width, 3), DARK, np.uint8)
         rate, count = facts.frame_rate, facts.frames_declared
-        self._history = History(detectors, float(count / rate) if rate and count else None)
+        duration_s = float(count / rate) if rate and count else None
+        self._strip = Strip(layout, detectors, duration_s)
         self._file = PartFile(path)
         try:
             with output_errors(path):
@@ -147,6 +148,5 @@ class AnnotatedVideo:
         if placing is not None and self._boxes != "none":
             shown = (each for each in record.detections if each.alarm or self._boxes == "all")
             draw_detections(canvas, layout, shown, placing.colour)
-        self._history.add(record)
-        draw_strip(canvas, layout, self._history, record)
+        self._strip.draw(canvas, record)
         self._recording.write(canvas, record.time_s)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.frame import History, Layout, draw_strip
+from oppload_cli.annotation.frame import Layout, Strip
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.palette import bgr, ink_of
 from tests.annotation.records import facts, paint_of, record, texts_of
@@ -21,14 +21,14 @@ OPPLOD, DLGMD = (paint_of(name) for name in BOTH)
 DARK, SHADED, WHITE = (34,) * 3, (236,) * 3, (255,) * 3
 
 
-def drawn(records: list[FrameRecord]) -> tuple[np.ndarray, History]:
+def drawn(records: list[FrameRecord]) -> tuple[np.ndarray, Strip]:
     canvas = np.zeros((LAYOUT.height, LAYOUT.width, 3), np.uint8)
-    history = History(list(records[0].responses))
-    for each in records:
-        history.add(each)
-    draw_strip(canvas, LAYOUT, history, records[-1])
+    strip = Strip(LAYOUT, list(records[0].responses))
+    for each in records[:-1]:
+        strip.add(each)
+    strip.draw(canvas, records[-1])
     assert not canvas[: LAYOUT.picture.height].any()
-    return canvas, history
+    return canvas, strip
 
 
 def near(pixel: np.ndarray, paint: tuple[int, int, int], by: int = 2) -> bool:
@@ -52,46 +52,46 @@ def test_the_threshold_is_a_dark_line_across_the_plot() -> None:
 
 def test_the_curves_pass_through_their_values() -> None:
     ratios = [0.1 * 1.1**frame for frame in range(90)]
-    canvas, history = drawn(
+    canvas, strip = drawn(
         [record(t, {"opplod": ratio, "dlgmd": 0.3}) for t, ratio in enumerate(ratios)]
     )
     plot = canvas[LAYOUT.plot.slices]
     for frame in (10, 45, 80):
-        column = round(LAYOUT.column_of(frame / 30, history))
+        column = round(strip.column_of(frame / 30))
         assert near(plot[round(LAYOUT.level_row(ratios[frame])), column], OPPLOD, 12)
         assert near(plot[round(LAYOUT.level_row(0.3)), column], DLGMD, 12) or frame == 10
-    assert LAYOUT.column_of(5, history) == LAYOUT.plot.width - 1 - 2 * LAYOUT.line
+    assert strip.column_of(5) == LAYOUT.plot.width - 1 - 2 * LAYOUT.line
     # The window is empty after the latest frame.
-    later = plot[: round(LAYOUT.level_row(1)) - 4, round(LAYOUT.column_of(3.2, history)) :]
+    later = plot[: round(LAYOUT.level_row(1)) - 4, round(strip.column_of(3.2)) :]
     assert not np.any([near(pixel, OPPLOD, 30) for pixel in later.reshape(-1, 3)[::7]])
 
 
 def test_a_time_far_away_is_drawn_without_a_warning() -> None:
     times = {1: 8388607.22, 2: 1 / 15}  # as a damaged file may have them
     records = [replace(record(t), time_s=times.get(t, t / 30)) for t in range(6)]
-    _, history = drawn(records)
-    assert LAYOUT.column_of(times[1], history) > 1 << 27
+    _, strip = drawn(records)
+    assert strip.column_of(times[1]) > 1 << 27
 
 
 def test_a_response_without_threshold_is_a_gap() -> None:
     records = [record(t, {"opplod": None if 20 <= t < 40 else 5.0}) for t in range(60)]
-    canvas, history = drawn(records)
+    canvas, strip = drawn(records)
     plot, row = canvas[LAYOUT.plot.slices], round(LAYOUT.level_row(5))
-    assert near(plot[row, round(LAYOUT.column_of(10 / 30, history))], OPPLOD, 12)
-    gap = round(LAYOUT.column_of(33 / 30, history))
+    assert near(plot[row, round(strip.column_of(10 / 30))], OPPLOD, 12)
+    gap = round(strip.column_of(33 / 30))
     assert near(plot[row, gap], WHITE)
     assert near(plot[round(LAYOUT.level_row(0)), gap], WHITE)
-    assert near(plot[row, round(LAYOUT.column_of(50 / 30, history))], OPPLOD, 12)
+    assert near(plot[row, round(strip.column_of(50 / 30))], OPPLOD, 12)
 
 
 @pytest.mark.parametrize("models", [{"opplod"}, {"dlgmd"}, {"opplod", "dlgmd"}])
 def test_alarms_are_shaded_and_signed_in_no_detectors_colour(models: set[str]) -> None:
     on = dict.fromkeys(models, True)
     records = [record(t, alarms=on if 30 <= t < 60 else {}) for t in range(90)]
-    canvas, history = drawn(records)
+    canvas, strip = drawn(records)
     plot = canvas[LAYOUT.plot.slices]
     # From the first frame with the alarm to the first one without.
-    first, last = (round(LAYOUT.column_of(t, history)) for t in (1, 2))
+    first, last = (round(strip.column_of(t)) for t in (1, 2))
     assert near(plot[2, first - 3], WHITE)
     assert near(plot[2, first + 3], SHADED)
     assert near(plot[2, last - 3], SHADED)
@@ -158,10 +158,10 @@ def test_a_word_in_the_colour_of_its_detector_can_be_read_on_white(colour: str, 
 
 def test_the_curve_of_an_alarm_is_thicker() -> None:
     records = [record(t, {"opplod": 10.0}, {"opplod": 30 <= t < 60}) for t in range(90)]
-    canvas, history = drawn(records)
+    canvas, strip = drawn(records)
     thickness = []
     for second in (0.5, 1.5, 2.5):
-        column = canvas[LAYOUT.plot.slices][:, round(LAYOUT.column_of(second, history))]
+        column = canvas[LAYOUT.plot.slices][:, round(strip.column_of(second))]
         thickness.append(sum(near(pixel, OPPLOD, 12) for pixel in column))
     assert thickness[0] == thickness[2] <= thickness[1] - 2
 
@@ -180,10 +180,9 @@ def test_the_curve_of_an_alarm_is_thicker() -> None:
 def test_ticks_are_at_round_times(
     window: float, ticks: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    history, first = History(BOTH, window), record(0)
-    history.add(first)
+    strip = Strip(LAYOUT, BOTH, window)
     canvas = np.zeros((LAYOUT.height, LAYOUT.width, 3), np.uint8)
-    texts = texts_of(monkeypatch, lambda: draw_strip(canvas, LAYOUT, history, first))
+    texts = texts_of(monkeypatch, lambda: strip.draw(canvas, record(0)))
     assert [text for text in texts if text.endswith(" s")][1:] == ticks  # after the clock
 
 
@@ -191,9 +190,9 @@ def test_ticks_have_numbers_that_move_with_the_window() -> None:
     rows = slice(LAYOUT.plot.y + LAYOUT.plot.height, None)
     at = {}
     for frame in (150, 165, 180):
-        canvas, history = drawn([record(t) for t in range(frame + 1)])
+        canvas, strip = drawn([record(t) for t in range(frame + 1)])
         ink = np.flatnonzero((canvas[rows] < 200).any(axis=(0, 2)))
-        centres = [LAYOUT.plot.x + LAYOUT.column_of(second, history) for second in (2, 3, 4)]
+        centres = [LAYOUT.plot.x + strip.column_of(second) for second in (2, 3, 4)]
         at[frame] = centres[0]
         for centre in centres:
             near_it = ink[np.abs(ink - centre) < 3 * LAYOUT.text]
@@ -208,56 +207,56 @@ def test_a_detector_that_runs_alone_is_shown_alone() -> None:
 
 
 def test_responses_are_divided_by_their_thresholds() -> None:
-    history = History(BOTH)
-    history.add(record(0, {"opplod": 2.0, "dlgmd": None}, {"opplod": True}))
-    assert list(history.points["opplod"]) == [(0.0, 2.0, True)]
-    assert list(history.points["dlgmd"]) == [(0.0, None, False)]
+    strip = Strip(LAYOUT, BOTH)
+    strip.add(record(0, {"opplod": 2.0, "dlgmd": None}, {"opplod": True}))
+    assert list(strip.points["opplod"]) == [(0.0, 2.0, True)]
+    assert list(strip.points["dlgmd"]) == [(0.0, None, False)]
     for thresholds in ({"opplod": 0.0}, {}):
         without = record(1, {"opplod": 2.0})
         without.thresholds.clear()
         without.thresholds.update(thresholds)
-        history.add(without)
-        assert history.points["opplod"][-1].ratio is None
+        strip.add(without)
+        assert strip.points["opplod"][-1].ratio is None
 
 
 def test_the_window_fills_and_then_moves() -> None:
-    history = History(BOTH)
+    strip = Strip(LAYOUT, BOTH)
     starts = []
     for frame in range(301):
-        history.add(record(frame))
-        starts.append(history.start_s)
+        strip.add(record(frame))
+        starts.append(strip.start_s)
     assert starts[150] == 0
     assert starts[180] == pytest.approx(1)
     assert starts[300] == pytest.approx(5)
     # One frame from before the left edge, for the line that leads to it.
-    assert history.points["opplod"][0].time_s == pytest.approx(149 / 30)
-    assert len(history.points["opplod"]) == 152
+    assert strip.points["opplod"][0].time_s == pytest.approx(149 / 30)
+    assert len(strip.points["opplod"]) == 152
 
 
 def test_a_short_video_fills_the_window() -> None:
-    assert History(BOTH, 1.5).window_s == 1.5
-    assert History(BOTH, 60).window_s == History(BOTH).window_s == 5
-    assert History(BOTH, 0.001).window_s == 0.1
+    assert Strip(LAYOUT, BOTH, 1.5).window_s == 1.5
+    assert Strip(LAYOUT, BOTH, 60).window_s == Strip(LAYOUT, BOTH).window_s == 5
+    assert Strip(LAYOUT, BOTH, 0.001).window_s == 0.1
 
 
 def test_a_video_that_begins_late_begins_at_the_left_edge() -> None:
-    history = History(BOTH)
-    history.add(record(90))
-    assert history.start_s == 3
+    strip = Strip(LAYOUT, BOTH)
+    strip.add(record(90))
+    assert strip.start_s == 3
 
 
 def test_repeats_are_passed_over_and_a_scene_at_rest_is_not() -> None:
-    history = History(("opplod",))
+    strip = Strip(LAYOUT, ("opplod",))
     for frame in range(12):
-        history.add(
+        strip.add(
             record(
                 frame, {"opplod": 0.0 if frame % 3 else 1.0}, repeat="exact" if frame % 3 else ""
             )
         )
-    assert [point.ratio for point in history.points["opplod"]] == [1, 1, 1, 1]
+    assert [point.ratio for point in strip.points["opplod"]] == [1, 1, 1, 1]
     for frame in range(12, 20):
-        history.add(record(frame, {"opplod": 0.0}, repeat="exact"))
-    assert [point.ratio for point in history.points["opplod"]][4:] == [0] * 5
+        strip.add(record(frame, {"opplod": 0.0}, repeat="exact"))
+    assert [point.ratio for point in strip.points["opplod"]][4:] == [0] * 5
 
 
 def test_without_alarms_responses_are_over_the_largest_so_far() -> None:
@@ -265,17 +264,17 @@ def test_without_alarms_responses_are_over_the_largest_so_far() -> None:
         replace(record(t, {"opplod": value}), thresholds={"opplod": math.inf})
         for t, value in enumerate([2.0, 1.0] * 15 + [20.0] + [5.0] * 29)
     ]
-    canvas, history = drawn(records[:30])
-    assert [point.ratio for point in history.points["opplod"]][:2] == [1, 0.5]
-    canvas, history = drawn(records)
-    ratios = [point.ratio for point in history.points["opplod"]]
+    canvas, strip = drawn(records[:30])
+    assert [point.ratio for point in strip.points["opplod"]][:2] == [1, 0.5]
+    canvas, strip = drawn(records)
+    ratios = [point.ratio for point in strip.points["opplod"]]
     assert ratios == pytest.approx([0.1, 0.05] * 15 + [1] + [0.25] * 29)
     plot = canvas[LAYOUT.plot.slices]
-    column = round(LAYOUT.column_of(50 / 30, history))
-    assert near(plot[round(LAYOUT.level_row(0.25, history.scale)), column], OPPLOD, 12)
+    column = round(strip.column_of(50 / 30))
+    assert near(plot[round(LAYOUT.level_row(0.25, strip.scale)), column], OPPLOD, 12)
     # The dark line is at the largest one, and not where the threshold would be.
     lines = {row: (plot[row, -50:] == 34).all() for row in range(len(plot))}
-    assert lines[round(LAYOUT.level_row(1, history.scale))]
+    assert lines[round(LAYOUT.level_row(1, strip.scale))]
     assert not lines[round(LAYOUT.level_row(1))]
     names = slice(LAYOUT.plot.y, LAYOUT.plot.y + LAYOUT.plot.height), slice(0, LAYOUT.plot.x - 2)
     usual, _ = drawn([record(t, {"opplod": 1.0}) for t in range(9)])
