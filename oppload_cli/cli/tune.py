@@ -123,20 +123,12 @@ def _run(
     from oppload_cli.tuning.doubts import doubts_about
     from oppload_cli.tuning.run import tune, tuning_sidecar, write_tuning
 
-    entry, settings = sweep.entry, sweep.settings
-    say_remarks(entry.protocols())
+    say_remarks(sweep.entry.protocols())
     for key, value in sweep.fixed.items():
         say(f"oppload: {key} stays at {value}; to sweep it as well, add --over {key}")
-    with progress_bar(len(entry.values()), "condition", quiet=quiet) as bar:
-        conditions = tune(
-            entry,
-            settings,
-            presentations=sweep.presentations,
-            indicator_s=indicator_s,
-            jobs=jobs,
-            progress=bar.update,
-        )
-    doubts = list(doubts_about(conditions, entry, settings, indicator_s))
+    with progress_bar(len(sweep.entry.values()), "condition", quiet=quiet) as bar:
+        conditions = tune(sweep, indicator_s=indicator_s, jobs=jobs, progress=bar.update)
+    doubts = list(doubts_about(conditions, sweep, indicator_s))
     for doubt in doubts:
         say(f"oppload: {doubt.text}")
     write_tuning(table, conditions)

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.models.registry import alarm_floor_of, detector_named, is_rounding_error
 from oppload_cli.stimulus.truth import frame_truth
-from oppload_cli.tuning.run import PRESENTATION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from oppload_cli.pipeline.settings import Settings
-    from oppload_cli.stimulus.catalogue import Entry
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.run import Condition
+    from oppload_cli.tuning.sweeps import Sweep
 
 
 _FAINT = 0.1  # of the floor of the alarm; a detector with smaller responses hardly responds
@@ -34,20 +33,20 @@ class Doubt(NamedTuple):
 
 
 def doubts_about(
-    conditions: Sequence[Condition], entry: Entry, settings: Settings, indicator_s: float = 0.0
+    conditions: Sequence[Condition], sweep: Sweep, indicator_s: float = 0.0
 ) -> Iterator[Doubt]:
     """Yield the detectors whose curves over a sweep mean little, with the reasons.
 
     The arguments are those of :func:`oppload_cli.tuning.run.tune` and its result.
     """
-    protocols = entry.protocols()
+    protocols, settings = sweep.entry.protocols(), sweep.settings
     if not indicator_s:  # an indicator makes each peak smaller, and the floors do not regard it
         peaks = {
             name: max(each.measures[name].peak or 0 for each in conditions)
             for name in settings.models
         }
         yield from faint(peaks, settings)
-    if PRESENTATION not in conditions[0].values:
+    if sweep.presentations == 1:
         yield from _to_onset(conditions, protocols)
         yield from _within_warm_up(conditions, protocols)
         if not indicator_s:  # with one, a peak may come at the end of any motion

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 _SCHEMA = "oppload.tuning/1"
-PRESENTATION = "presentation"  # column of the number of a presentation in a row
+_PRESENTATION = "presentation"  # column of the number of a presentation in a row
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,8 @@ class Condition:
 
 
 def tune(
-    entry: Entry,
-    settings: Settings,
+    sweep: Sweep,
     *,
-    presentations: int = 1,
     indicator_s: float = 0.0,
     jobs: int = 1,
     progress: Callable[[], object] | None = None,
@@ -58,13 +56,9 @@ def tune(
 
     Parameters
     ----------
-    entry : Entry
-        The stimulus with its sweep, from :func:`oppload_cli.tuning.sweeps.sweeps`.
-    settings : Settings
-        Detectors, their parameters and the working height.
-    presentations : int
-        Number of presentations of each stimulus in a row. If it is above 1, each presentation is a
-        condition.
+    sweep : Sweep
+        The stimulus with its sweep, the settings of the detectors, and the number of presentations
+        in a row. If the number is above 1, each presentation is a condition.
     indicator_s : float
         Time constant in s of a calcium indicator that shows the responses; 0 for none.
     jobs : int
@@ -87,19 +81,19 @@ def tune(
         If a process is ended from outside, for instance for want of memory.
     """
     shown = results(
-        partial(_measured, settings, presentations, indicator_s),
-        entry.protocols(),
+        partial(_measured, sweep.settings, sweep.presentations, indicator_s),
+        sweep.entry.protocols(),
         jobs,
         named=attrgetter("name"),
         progress=lambda _: progress() if progress else None,
     )
     conditions = []
-    for (stimulus, swept), measured in zip(entry.values().items(), shown, strict=True):
+    for (stimulus, swept), measured in zip(sweep.entry.values().items(), shown, strict=True):
         for number, measures in enumerate(measured, 1):
             name, values = stimulus, swept
-            if presentations > 1:
-                name = f"{stimulus}/{PRESENTATION}-{number}"
-                values = {**swept, PRESENTATION: number}
+            if sweep.presentations > 1:
+                name = f"{stimulus}/{_PRESENTATION}-{number}"
+                values = {**swept, _PRESENTATION: number}
             conditions.append(Condition(name, values, measures))
     return conditions
 

@@ -19,7 +19,7 @@ from oppload_cli.schema import Parameters, parameter
 from oppload_cli.tuning.doubts import doubts_about
 from oppload_cli.tuning.present import Responses, low_passed, present
 from oppload_cli.tuning.run import tune, write_tuning
-from oppload_cli.tuning.sweeps import FIGURES, sweeps
+from oppload_cli.tuning.sweeps import FIGURES, Sweep, sweeps
 from tests.results.make import rows_of
 from tests.tuning.test_tuning import disk, swept
 
@@ -122,7 +122,7 @@ L_OVER_V = [20, 40, 60, 80]
 def test_the_line_finds_threshold_and_delay_of_the_eta_function() -> None:
     entry = entry_of("peak-time", SMALL, ["l/v=20,40,60,80"])
     settings = at_native_size(["theta"], "theta.alpha=3", "time.interval=frame")
-    shown = times(tune(entry, settings), "theta")
+    shown = times(tune(Sweep(entry, settings)), "theta")
     fit = PeakTimes.through(np.array(L_OVER_V) / 1000, shown, 1 / RATE)
     # The derivative is that between two frames, half a frame before the last of them.
     late = (DELAY + 0.5) / RATE
@@ -136,7 +136,7 @@ def test_the_line_finds_threshold_and_delay_of_the_eta_function() -> None:
 def test_the_size_itself_peaks_where_the_disk_stops_growing() -> None:
     entry = entry_of("peak-time", {**SMALL, "disk.growth.most_deg": 50}, ["l/v=20,60"])
     settings = at_native_size(["theta"], "time.interval=frame")
-    shown = tune(entry, settings)
+    shown = tune(Sweep(entry, settings))
     end = np.array([20, 60]) / 1000 / math.tan(math.radians(25))
     late = end - times(shown, "theta")
     assert ((late >= -1e-9) & (late < 1 / RATE)).all()
@@ -175,8 +175,8 @@ def test_a_sweep_tells_the_changes_of_the_user_alone() -> None:
 def test_a_figure_shows_tuning_and_no_start_of_the_motion(name: str, over: list[str]) -> None:
     settings = resolve(usual="reference", assignments=FIGURES[name].settings)
     entry = entry_of(name, {}, over)
-    shown = tune(entry, settings)
-    assert [each.detector for each in doubts_about(shown, entry, settings)] == []
+    shown = tune(Sweep(entry, settings))
+    assert [each.detector for each in doubts_about(shown, Sweep(entry, settings))] == []
     # The first response is in frame 3: no peak is cut off there.
     best = max(shown, key=lambda each: each.measures["opplod"].peak or 0).measures["opplod"]
     assert best.peak_frame is not None
@@ -237,7 +237,7 @@ def test_a_wrong_figure() -> None:
 def test_without_adaptation_every_presentation_is_the_first(tmp_path: Path) -> None:
     entry = swept(str(disk(tmp_path, 0.4).path), ["speed=25"])
     settings = at_native_size(["opplod", "tired"], "opplod.receptive_field=24")
-    shown = tune(entry, settings, presentations=3)
+    shown = tune(Sweep(entry, settings, 3))
     assert [each.values["presentation"] for each in shown] == [1, 2, 3]
     peaks = [each.measures["opplod"].peak or 0 for each in shown]
     assert peaks[0] > 0
@@ -280,7 +280,7 @@ def test_the_map_of_positions_peaks_where_the_unit_is() -> None:
     settings = resolve(
         models=["opplod"], usual="reference", assignments=FIGURES["position"].settings
     )
-    peaks = [each.measures["opplod"].peak or 0 for each in tune(entry, settings)]
+    peaks = [each.measures["opplod"].peak or 0 for each in tune(Sweep(entry, settings))]
     assert int(np.argmax(peaks)) == 1
     assert max(peaks[:1] + peaks[2:]) < 0.2 * peaks[1]
 

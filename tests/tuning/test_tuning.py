@@ -154,7 +154,7 @@ def test_processes_change_no_byte(tmp_path: Path) -> None:
     )
     counted: list[int] = []
     for jobs in (1, 2):
-        conditions = tune(entry, settings, jobs=jobs, progress=lambda: counted.append(1))
+        conditions = tune(Sweep(entry, settings), jobs=jobs, progress=lambda: counted.append(1))
         write_tuning(tmp_path / f"{jobs}.csv", conditions)
         assert len(counted) == 3 * jobs
     text = (tmp_path / "1.csv").read_bytes()
@@ -172,7 +172,7 @@ def test_processes_change_no_byte(tmp_path: Path) -> None:
 def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
     entry = swept(str(disk(tmp_path).path), ["position=[[0, 0], [4, -2]]"])
     settings = resolve(preset="reference", height="native", models=["opplod"])
-    write_tuning(tmp_path / "a.csv", tune(entry, settings))
+    write_tuning(tmp_path / "a.csv", tune(Sweep(entry, settings)))
     rows = rows_of(tmp_path / "a.csv")
     places = [(row["disk.centre_deg.right"], row["disk.centre_deg.up"]) for row in rows]
     assert places == [("0", "0"), ("4", "-2")]
@@ -295,8 +295,9 @@ def test_l_over_v_is_also_that_of_an_object_that_dims(tmp_path: Path) -> None:
     assert entry.sweep == {"disk.brightness.l_over_v_ms": [10, 20]}
 
 
-def at_the_start(conditions: list[Condition], entry: Entry, settings: Settings) -> list[Doubt]:
-    doubts = doubts_about(conditions, entry, settings)
+def at_the_start(entry: Entry, settings: Settings, presentations: int = 1) -> list[Doubt]:
+    sweep = Sweep(entry, settings, presentations)
+    doubts = doubts_about(tune(sweep), sweep)
     return [doubt for doubt in doubts if "the start of the motion" in doubt.note]
 
 
@@ -304,23 +305,23 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
     """D-LGMD meets no inhibition there; OppLoD leaves such edges out."""
     entry = swept("klapoetke2017/bar-expand-10", ["axis=0,45"])
     settings = resolve(preset="reference", height="60", models=["opplod", "dlgmd"])
-    (doubt,) = at_the_start(tune(entry, settings), entry, settings)
+    (doubt,) = at_the_start(entry, settings)
     assert doubt.text.startswith("D-LGMD: 2 of 2 peaks come within 0.083 s after the start")
     assert "inhibition" not in doubt.text  # some detectors have none
     assert doubt[:2] == ("dlgmd", "2 of 2 peaks at the start of the motion: no tuning")
     without = entry.with_settings({"timing.before_s": 0})
-    assert not at_the_start(tune(without, settings), without, settings)
+    assert not at_the_start(without, settings)
     assert "; --change timing.before_s=0 leaves" in doubt.text
     late = entry.with_settings({"timing.before_s": 0, "bar.onset_s": 0.2})
-    (doubt,) = at_the_start(tune(late, settings), late, settings)
+    (doubt,) = at_the_start(late, settings)
     assert doubt.note == "2 of 2 peaks at the start of the motion: no tuning"
     assert "; --change bar.onset_s=0 leaves" in doubt.text
     # In presentations in a row a pause does not count.
-    assert not at_the_start(tune(entry, settings, presentations=2), entry, settings)
+    assert not at_the_start(entry, settings, 2)
     # LGMD2 has no long warm-up: leaving out the pause changes nothing, and is no advice.
     settings = resolve(preset="reference", height="60", models=["lgmd2"])
     for each in (entry, without):
-        (doubt,) = at_the_start(tune(each, settings), each, settings)
+        (doubt,) = at_the_start(each, settings)
         assert doubt.note == "2 of 2 peaks at the start of the motion: no tuning"
         assert "--change" not in doubt.text
 
@@ -330,19 +331,23 @@ def test_peaks_that_the_warm_up_cuts_off_are_named(tmp_path: Path) -> None:
     changes = {"display.frame_rate": 100, "disk.growth.speed_deg_s": [140, 90, 15]}
     entry = disk(tmp_path, before=0.2).with_settings({**changes, "disk.growth.end_deg": 22})
     settings = resolve(preset="reference", height="native", models=["opplod", "frame_difference"])
-    conditions = tune(entry, settings)
+    conditions = tune(Sweep(entry, settings))
     fast, middle, _ = (each.measures["opplod"] for each in conditions)
     assert fast.peak == 0
     assert middle.peak_time_s == pytest.approx(0.32)
-    doubts = [each for each in doubts_about(conditions, entry, settings) if "warm-up" in each.note]
+    doubts = [
+        each for each in doubts_about(conditions, Sweep(entry, settings)) if "warm-up" in each.note
+    ]
     assert [each[:2] for each in doubts] == [
         ("opplod", "2 of 3 peaks cut off by the warm-up: no tuning")
     ]
     assert "responds only from 0.1 s after the start of the motion on" in doubts[0].text
     # In a longer motion the largest response may be the first one.
     longer = entry.with_settings({"disk.growth.speed_deg_s": [15]})
-    first = [replace(each, measures=conditions[1].measures) for each in tune(longer, settings)]
-    doubts = list(doubts_about(first, longer, settings))
+    first = [
+        replace(each, measures=conditions[1].measures) for each in tune(Sweep(longer, settings))
+    ]
+    doubts = list(doubts_about(first, Sweep(longer, settings)))
     assert not any("warm-up" in each.note for each in doubts)
 
 
@@ -350,16 +355,16 @@ def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
     shown = disk(tmp_path).with_settings({"timing.after_s": 0.4})
     gone = shown.with_settings({"disk.vanishes": "end"})
     settings = resolve(preset="reference", height="native", models=["frame_difference"])
-    (doubt,) = doubts_about(tune(gone, settings), gone, settings)
+    (doubt,) = doubts_about(tune(Sweep(gone, settings)), Sweep(gone, settings))
     assert doubt[:2] == ("frame_difference", "3 of 3 peaks when an object vanishes: no tuning")
     assert doubt.text.endswith("; --change disk.vanishes=never keeps the object")
-    assert not list(doubts_about(tune(shown, settings), shown, settings))
-    early, *_ = tune(gone, settings)
+    assert not list(doubts_about(tune(Sweep(shown, settings)), Sweep(shown, settings)))
+    early, *_ = tune(Sweep(gone, settings))
     before = replace(early.measures["frame_difference"], peak_time_s=0.3)
     conditions = [replace(early, measures={"frame_difference": before})] * 3
-    assert not list(doubts_about(conditions, gone, settings))
-    slow = tune(gone, settings, indicator_s=1)  # its peak comes at the end of any motion
-    assert not list(doubts_about(slow, gone, settings, 1))
+    assert not list(doubts_about(conditions, Sweep(gone, settings)))
+    slow = tune(Sweep(gone, settings), indicator_s=1)  # its peak comes at the end of any motion
+    assert not list(doubts_about(slow, Sweep(gone, settings), 1))
 
 
 @pytest.mark.parametrize(
@@ -454,7 +459,7 @@ def test_a_wrong_sweep(stimulus: str, over: list[str], message: str) -> None:
 def test_an_error_of_a_swept_value_names_the_stimulus(tmp_path: Path) -> None:
     entry = swept(str(disk(tmp_path).path), ["disk.size_deg=2,-5"])
     with pytest.raises(StimulusError, match=r"with disk\.size_deg = -5: .* at least 0 deg, not -5"):
-        tune(entry, resolve())
+        tune(Sweep(entry, resolve()))
 
 
 @pytest.mark.parametrize(
@@ -480,8 +485,8 @@ def test_with_an_indicator_a_faint_response_is_no_doubt() -> None:
     settings = resolve(preset="reference", models=["dlgmd"])
     faint_one = [Condition("a", {}, {"dlgmd": Measures(peak=1e-4)})]
     entry = find("klapoetke2017/loom")[0]
-    assert len([*doubts_about(faint_one, entry, settings)]) == 1
-    assert not [*doubts_about(faint_one, entry, settings, 1.0)]
+    assert len([*doubts_about(faint_one, Sweep(entry, settings))]) == 1
+    assert not [*doubts_about(faint_one, Sweep(entry, settings), 1.0)]
 
 
 def test_alarms_that_are_off_change_what_is_said_of_faint_responses() -> None:
@@ -517,7 +522,9 @@ def test_neurons_that_are_measured_unlike_the_study_are_named(
     settings = resolve(preset=preset, models=["opplod", "dlgmd"], assignments=assigned)
     measures = {name: Measures(peak=1.0) for name in settings.models}
     condition = Condition("a", {}, measures)
-    doubts = list(doubts_about([condition], find("klapoetke2017/loom")[0], settings, indicator_s))
+    doubts = list(
+        doubts_about([condition], Sweep(find("klapoetke2017/loom")[0], settings), indicator_s)
+    )
     notes = [(each.detector, each.note) for each in doubts]
     expected = f"{missing}: larger for bars than in LPLC2 neurons"
     assert notes == ([("opplod", expected)] if missing else [])
