@@ -84,8 +84,7 @@ def write_pages(
     """
     from oppload_cli.report.writing import write_report
 
-    alone = len(tables) == 1  # the bar then counts frames
-    total, unit = (None, "frame") if alone else (len(tables), "page")
+    total, unit = (None, "frame") if len(tables) == 1 else (len(tables), "page")
     with progress_bar(total, unit, quiet=quiet) as bar:
         written = write_report(
             tables,
@@ -94,8 +93,7 @@ def write_pages(
             videos=videos,
             failed=list(_failed_inputs(tables, batches)),
             jobs=jobs,
-            frames=bar.update if alone else None,
-            done=None if alone else bar.update,
+            progress=bar.update,
         )
     for line in (*written.notes, *map(str, written.failures)):
         say(f"oppload: {line}")

@@ -110,8 +110,7 @@ def write_report(
     videos: Path | None = None,
     failed: Sequence[str] = (),
     jobs: int = 1,
-    frames: Callable[[int], object] | None = None,
-    done: Callable[[], object] | None = None,
+    progress: Callable[[int], object] | None = None,
 ) -> _Report:
     """Write a page for each of at least one result, and an index of several results.
 
@@ -127,10 +126,9 @@ def write_report(
         The video, or the folder of the videos, if they have moved.
     failed : sequence of str
         Errors of inputs without a result, which the index lists.
-    frames : callable, optional
-        Takes the number of frames of video that were copied since its last call.
-    done : callable, optional
-        Called after each result.
+    progress : callable, optional
+        Takes a count since its last call: of copied frames of video if there is a single result, of
+        finished results if there are several.
 
     Raises
     ------
@@ -149,12 +147,13 @@ def write_report(
         for table, page, title in zip(tables, pages, _titles(tables, pages), strict=True)
     ]
     by_position: dict[int, _IndexRow | OpploadError] = {}
+    told = None if index else progress
     for position, outcome in outcomes(
-        _write_page, items, jobs, named=lambda item: str(item.page), told=frames
+        _write_page, items, jobs, named=lambda item: str(item.page), told=told
     ):
         by_position[position] = outcome
-        if done:
-            done()
+        if index and progress:
+            progress(1)
     ordered = [by_position[position] for position in range(len(items))]
     entries = [each for each in ordered if isinstance(each, _IndexRow)]
     failures = [each for each in ordered if isinstance(each, OpploadError)]
