@@ -218,8 +218,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
     except SourceError as error:
         video_notes = [f"the page has no video ({error})"]
     notes = [*content.notes, *video_notes]
-    index = _address(item.index_path, item.page) if item.index_path else None
-    write_atomic(item.page, _page(content, copy, notes, title=item.title, index=index))
+    write_atomic(item.page, _page(item, content, copy, notes))
     strongest = content.strongest
     times = result.frames["time_s"].to_numpy(float)
     return _IndexRow(
@@ -240,9 +239,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
     )
 
 
-def _page(
-    content: Content, copy: _VideoCopy | None, notes: list[str], *, title: str, index: str | None
-) -> str:
+def _page(item: _Item, content: Content, copy: _VideoCopy | None, notes: list[str]) -> str:
     """Return the page of a result as HTML."""
     video = copy and {
         "times": [round(t, 7) if np.isfinite(t) else None for t in copy.times_s.tolist()],
@@ -259,10 +256,10 @@ def _page(
         style=_template("uplot", "uPlot.min.css"),
         data=content.data() | {"video": video},
         film=base64.b64encode(copy.content).decode("ascii") if copy and copy.content else "",
-        title=printable(title),
+        title=printable(item.title),
         content=content,
         notes=[printable(note) for note in notes],
-        index=index,
+        index=_address(item.index_path, item.page) if item.index_path else None,
         seconds=_seconds,
         number=_number,
     )

@@ -283,30 +283,30 @@ def find(wanted: str) -> list[Entry]:
     file, toml, member = wanted.partition(".toml")
     if toml and (not member or member.startswith("/")):
         return [_of_file(read_entry(Path(file + toml)), member)]
-    known = entries()
-    if wanted in {entry.name for entry in known}:
-        return [entry for entry in known if entry.name == wanted]
+    exact = [entry for entry in entries() if entry.name == wanted]
+    if exact:
+        return exact
     found = []
-    for entry in known:
+    for entry in entries():
         if fnmatch.fnmatchcase(entry.name, wanted):
             found.append(entry)
         elif entry.sweep and any(fnmatch.fnmatchcase(name, wanted) for name in entry.values()):
             found.append(replace(entry, only=wanted))
-    found = found or _by_part(wanted, known)
+    found = found or _by_part(wanted)
     if not found:
-        raise StimulusError(f"no stimulus '{wanted}' in the catalogue; {_hint(wanted, known)}")
+        raise StimulusError(f"no stimulus '{wanted}' in the catalogue; {_hint(wanted)}")
     return found
 
 
-def _hint(wanted: str, known: tuple[Entry, ...]) -> str:
+def _hint(wanted: str) -> str:
     """Return the advice for a name that is not the name of a stimulus."""
     stem, _, member = wanted.partition("/")
     if member and is_file(f"{stem}.toml"):
         return f"did you mean '{stem}.toml/{member}'?"
-    names = {entry.name for entry in known}
+    names = {entry.name for entry in entries()}
     if any(name.startswith(f"{wanted}/") for name in names):
         return f"did you mean '{wanted}/*'?"
-    near = {name for entry in known for name in entry.values()} | names
+    near = {name for entry in entries() for name in entry.values()} | names
     if found := nearest(wanted, near | {name.rpartition("/")[2] for name in names}):
         return f"did you mean '{found}'?"
     return "see 'oppload stimuli list', or give FILE.toml or FILE.toml/MEMBER"
@@ -322,15 +322,15 @@ def _of_file(entry: Entry, member: str) -> Entry:
     return chosen
 
 
-def _by_part(wanted: str, known: tuple[Entry, ...]) -> list[Entry]:
+def _by_part(wanted: str) -> list[Entry]:
     """Return the only entry or member whose name ends with `wanted`, or else contains it.
 
     Raises StimulusError if there are several.
     """
-    entry_of = {entry.name: entry for entry in known}
+    entry_of = {entry.name: entry for entry in entries()}
     if any(name.startswith(f"{wanted}/") for name in entry_of):  # a folder
         return []
-    member_of = {name: entry for entry in known if entry.sweep for name in entry.values()}
+    member_of = {name: entry for entry in entries() if entry.sweep for name in entry.values()}
     for names in (entry_of, member_of):
         ending = sorted(name for name in names if name.endswith(f"/{wanted}"))
         near = ending or sorted(name for name in names if wanted in name)
