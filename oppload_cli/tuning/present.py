@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.stimulus.tables import Display
-    from oppload_cli.video.frames import WorkingSize
 
     Series = NDArray[np.float64]
 
@@ -94,7 +92,7 @@ def present(
         Time constant in s of a calcium indicator that shows the responses; 0 for none.
     """
     video = StimulusVideo(protocol, settings.height, times)
-    settings = seen_on(protocol.display, settings, video.working)
+    settings = seen_in(video, settings)
     params, repeats, time = settings.model_params(), settings.repeats, settings.time
     records = list(analyse(video, params, places=None, repeats=repeats, rmo=None, time=time))
     frame = np.array([record.frame for record in records], float)
@@ -110,10 +108,11 @@ def present(
     return found
 
 
-def seen_on(display: Display, settings: Settings, working: WorkingSize) -> Settings:
-    """Return settings with the sizes in degrees converted to pixels of a display's frames."""
+def seen_in(video: StimulusVideo, settings: Settings) -> Settings:
+    """Return settings with the sizes in degrees converted to pixels of a stimulus's frames."""
+    display = video.protocol.display
     optics = Optics.of_display(display_facts(display), display.width, display.height)
-    return settings.seen_through(optics, working)
+    return settings.seen_through(optics, video.working)
 
 
 def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:

@@ -17,7 +17,7 @@ from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
 from oppload_cli.stimulus.renderer import Renderer
-from oppload_cli.tuning.present import Measures, measure, present, seen_on
+from oppload_cli.tuning.present import Measures, measure, present, seen_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -174,9 +174,8 @@ def tuning_sidecar(
     """
     entry, settings = sweep.entry, sweep.settings
     first = entry.protocols()[0]
-    working = StimulusVideo(first, settings.height).working
-    seen = seen_on(first.display, settings.with_all_detectors(), working)
-    resolved = seen.resolved(min(working.shape))
+    video = StimulusVideo(first, settings.height)
+    resolved = seen_in(video, settings.with_all_detectors()).resolved(min(video.working.shape))
     content = {
         "schema": _SCHEMA,
         "tool": environment(),
