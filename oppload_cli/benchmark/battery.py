@@ -184,8 +184,7 @@ class Shown(NamedTuple):
 
     column: BatteryColumn
     key: str
-    stimulus: str
-    motion_end_s: float
+    protocol: Protocol
     measured: dict[str, Measured]  # by detector
 
 
@@ -248,13 +247,7 @@ def show(
         progress=count,
     )
     return [
-        Shown(
-            column,
-            task.key,
-            task.protocol.name,
-            task.protocol.timing.end_s,
-            _measurements_of(task) or {},
-        )
+        Shown(column, task.key, task.protocol, _measurements_of(task) or {})
         for column, task in listed
     ]
 

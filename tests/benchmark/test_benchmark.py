@@ -112,12 +112,13 @@ def test_measures_are_kept_and_taken_up_again(
 
 def shown(values: Sequence[tuple[str, float, int]]) -> list[Shown]:
     """Make a benchmark of one detector with stated peaks and alarms."""
+    (protocol,) = BATTERY[0].protocols()
     columns = [BATTERY[0]]
     columns += [
         battery.BatteryColumn("selectivity", "x", "x", {}, kind) for kind, _, _ in values[1:]
     ]
     return [
-        Shown(column, str(i), str(i), 1.0, {"lgmd2": Measured("lgmd2", peak, 0.5, alarms, None)})
+        Shown(column, str(i), protocol, {"lgmd2": Measured("lgmd2", peak, 0.5, alarms, None)})
         for i, (column, (_, peak, alarms)) in enumerate(zip(columns, values, strict=True))
     ]
 
