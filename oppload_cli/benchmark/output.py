@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.colors import LogNorm
 
-from oppload_cli.benchmark.battery import BATTERY, CONTROL, LOOMING, TABLES, BatteryTable, Shown
+from oppload_cli.benchmark.battery import CONTROL, LOOMING, TABLES, BatteryTable, Shown
 from oppload_cli.environment import environment
 from oppload_cli.errors import OutputError
 from oppload_cli.evaluation.detectors import EvaluatedDetector, label_of
@@ -63,8 +63,8 @@ class _Summary(NamedTuple):
 class Benchmark:
     """All measurements of a benchmark.
 
-    `shown` has the stimuli with their measurements, in the order of the battery. `clips` is an
-    evaluation of the same detectors on labelled clips, if there is one.
+    `shown` has the stimuli with their measurements, in the order of the battery: the looming disk
+    is the first. `clips` is an evaluation of the same detectors on labelled clips, if there is one.
     """
 
     def __init__(
@@ -84,8 +84,7 @@ class Benchmark:
         self._alarmed = {
             name: np.array([each.alarms > 0 for each in found]) for name, found in measured.items()
         }
-        first = next(i for i, each in enumerate(shown) if each.column is BATTERY[0])
-        self.loom = {name: float(self._peaks[name][first]) for name in self.names}
+        self.loom = {name: float(self._peaks[name][0]) for name in self.names}
         self.tables = [table for table in TABLES if len(self.labels(table)) > 1]
 
     def labels(self, table: BatteryTable) -> list[str]:

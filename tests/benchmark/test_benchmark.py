@@ -205,7 +205,6 @@ def _small_battery() -> Iterator[None]:
 def small_battery() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(battery, "BATTERY", (small("dark"), small("bright")))
-        patch.setattr("oppload_cli.benchmark.output.BATTERY", battery.BATTERY)
         yield
 
 
