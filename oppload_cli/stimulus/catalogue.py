@@ -476,7 +476,7 @@ def _last_part(values: dict[str, Any]) -> str:
 
 def _without_unit(name: str) -> str:
     """Remove the unit from a key: ``speed_deg_s`` becomes ``speed``."""
-    plain = re.sub(r"(_px)?(_deg_s|_deg|_ms|_s|_hz|_per_s)$", "", name)
+    plain = re.sub(r"(_deg_s|_deg|_ms|_s|_hz|_per_s)$", "", name)
     return re.sub(r"[._]+", "-", plain)
 
 

@@ -155,11 +155,9 @@ def _growth_times(protocol: ProtocolTables, obj: Object, growth: Growth) -> tupl
         last = min(last, abs(growth.end_deg - (obj.size_deg or 0.0)) / edges)
     elif growth.kind == "path":
         sizes, times = _points_of(growth, obj.size_deg or 0.0)
-        rising = [
-            line
-            for line, (one, following) in enumerate(itertools.pairwise(sizes))
-            if (following < one if obj.reverse else following > one)
-        ]
+        sign = -1 if obj.reverse else 1
+        steps = (sign * (after - before) for before, after in itertools.pairwise(sizes))
+        rising = [line for line, step in enumerate(steps) if step > 0]
         if rising:
             first, last = times[rising[0]], min(last, times[rising[-1] + 1])
     return min(first, last), last
