@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.tuning.run import Condition
+    from oppload_cli.tuning.present import Condition
     from oppload_cli.tuning.sweeps import Sweep
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -152,6 +152,15 @@ class Measures:
     centre_y: float | None = None
     peak_before_contact_s: float | None = None  # below 0 after contact; None without a contact
     size_at_peak_deg: float | None = None  # of the largest object in the frame of the peak
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One stimulus of a sweep with its measures."""
+
+    stimulus: str
+    values: dict[str, Any]  # of the swept parameters, by dotted key
+    measures: dict[str, Measures]  # by detector
 
 
 def measure(responses: Responses, protocol: Protocol) -> Measures:

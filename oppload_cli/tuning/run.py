@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
 from oppload_cli.stimulus.renderer import Renderer
-from oppload_cli.tuning.present import Measures, measure, present, seen_in
+from oppload_cli.tuning.present import Condition, Measures, measure, present, seen_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -34,15 +34,6 @@ if TYPE_CHECKING:
 
 _SCHEMA = "oppload.tuning/1"
 _PRESENTATION = "presentation"  # column of the number of a presentation in a row
-
-
-@dataclass(frozen=True)
-class Condition:
-    """One stimulus of a sweep with its measures."""
-
-    stimulus: str
-    values: dict[str, Any]  # of the swept parameters, by dotted key
-    measures: dict[str, Measures]  # by detector
 
 
 def tune(

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.catalogue import Entry
-    from oppload_cli.tuning.run import Condition
+    from oppload_cli.tuning.present import Condition
 
 FIELD_DEG = 72  # of the displays
 SMALL = {"display.width": 144, "display.height": 144, "display.pixels_per_degree": 2.0}

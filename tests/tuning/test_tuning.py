@@ -15,8 +15,8 @@ from oppload_cli.stimulus import write
 from oppload_cli.stimulus.catalogue import find, read_entry
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.doubts import doubts_about, faint
-from oppload_cli.tuning.present import Measures, Responses, measure, present
-from oppload_cli.tuning.run import Condition, tune, tuning_sidecar, write_tuning
+from oppload_cli.tuning.present import Condition, Measures, Responses, measure, present
+from oppload_cli.tuning.run import tune, tuning_sidecar, write_tuning
 from oppload_cli.tuning.sweeps import Sweep, sweeps
 from tests.results.make import rows_of
 
