@@ -259,7 +259,7 @@ def started(films: Path, out: Path) -> subprocess.Popen[str]:
     )
     parts = [out / f"{stem}.frames.csv.part" for stem in "bc"]
     for _ in range(6000):
-        if all(part.exists() and part.stat().st_size > 0 for part in parts):  # the header
+        if all(part.exists() and part.read_bytes().count(b"\n") > 1 for part in parts):  # a row
             break
         time.sleep(0.01)
     assert run.poll() is None, run.communicate()[1]
