@@ -23,7 +23,7 @@ from oppload_cli.stimulus.staging import View, camera_of, view_of
 from oppload_cli.stimulus.surfaces import Placed, Surface, Texture
 from oppload_cli.stimulus.tables import SURROUNDINGS, Display, Scene
 from oppload_cli.video.images import read_transparent
-from oppload_cli.video.inputs import IMAGE_SUFFIXES
+from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
@@ -125,12 +125,14 @@ class _Video:
         self._first = scene.background_start_s or 0.0
         where = f"scene: background = '{scene.background}'"
         end_s = self._first + protocol.timing.total_s
+        path = Path(str(scene.background))
         try:
-            changed = Path(str(scene.background)).stat().st_mtime_ns
+            # A pattern of image names is no file; its folder changes with its images.
+            changed = (path.parent if NUMBER.search(path.name) else path).stat().st_mtime_ns
             with faults_at(where, StimulusError):
                 footage = _footage(scene, protocol.display, end_s, changed)
         except OSError as error:
-            near = nearest(Path(str(scene.background)).name, SURROUNDINGS)
+            near = nearest(path.name, SURROUNDINGS)
             hint = f"did you mean '{near}'?" if near else "check the path"
             raise StimulusError(f"{where}: cannot be read ({reason_of(error)}); {hint}") from None
         self._times, self._pictures, self._end = footage

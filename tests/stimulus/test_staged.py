@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -11,11 +12,12 @@ import pytest
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
-from oppload_cli.stimulus import PictureTruth, Renderer, frame_truth
+from oppload_cli.stimulus import PictureTruth, Renderer, background, frame_truth
 from oppload_cli.stimulus.courses import Course, Line
 from oppload_cli.stimulus.objects import DRAWINGS
 from oppload_cli.stimulus.staging import view_of
 from oppload_cli.stimulus.tables import SURROUNDINGS
+from tests.media import write_video
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -256,6 +258,14 @@ def test_a_picture_has_the_brightness_of_its_scene(tmp_path: Path) -> None:
     assert Renderer(ball).luminance(0)[inside].mean() == pytest.approx(0.3, rel=0.02)
 
 
+def test_a_frame_is_the_same_whichever_frames_were_drawn_before() -> None:
+    course = {"kind": "straight", "start_m": [-0.4, 0, 3], "velocity_m_s": [1, 0, 0]}
+    protocol = staged(course, {"background": "plane"})
+    renderer = Renderer(protocol)
+    for index in (0, 15, 29):
+        assert renderer.grey(index).tobytes() == Renderer(protocol).grey(index).tobytes()
+
+
 def test_shadow_compression_and_cut_change_the_frames() -> None:
     course = {"kind": "hovering", "distance_m": 5.0}
     plain = staged(course, {"background": "plane"})
@@ -402,6 +412,36 @@ def test_a_video_is_shown_as_it_is(footage: Path) -> None:
     assert Renderer(blurred).grey(7).tobytes() == drawn.grey(7).tobytes()
     doubled = in_footage(footage, 40, background_rate="own")
     assert [doubled.grey(index).tobytes() for index in (6, 7)] == [drawn.grey(3).tobytes()] * 2
+    # A part of the video is enough.
+    part = staged(
+        None, scene | {"background_start_s": 0.5}, display=SMALL, timing={"motion_s": 0.4}
+    )
+    assert Renderer(part).grey(7).tobytes() == drawn.grey(17).tobytes()
+
+
+def test_pictures_that_last_longer_repeat_at_their_own_times(tmp_path: Path) -> None:
+    """Pictures at 0, 0.1, 0.3 and 0.4 s; the last one lasts 2/15 s, the mean of the others."""
+    greys = [40, 80, 120, 160]
+    video = write_video(
+        tmp_path / "uneven.mkv",
+        [np.full((60, 80), grey, np.uint8) for grey in greys],
+        times=[0, 100, 300, 400],
+        time_base=Fraction(1, 1000),
+    )
+    shown = in_footage(video, 30, background_rate="own", background_end="loop")
+    lasts = [3, 6, 3, 4]  # frames, of which the last one begins just before 16/30 s
+    found = [int(shown.grey(index).mean()) for index in range(30)]
+    once = [grey for grey, count in zip(greys, lasts, strict=True) for _ in range(count)]
+    assert found == (once * 2)[:30]
+
+
+def test_numbered_images_are_a_video(tmp_path: Path) -> None:
+    for number, grey in enumerate((30, 90, 150)):
+        cv2.imwrite(str(tmp_path / f"f_{number}.png"), np.full((60, 80), grey, np.uint8))
+    scene = {"background": str(tmp_path / "f_%d.png")}
+    display = SMALL | {"frame_rate": 30}
+    shown = Renderer(staged(None, scene, display=display, timing={"motion_s": 0.1}))
+    assert [shown.grey(index).mean() for index in range(3)] == [30, 90, 150]
 
 
 @pytest.mark.parametrize("rate", [16, 24, 30])
@@ -425,6 +465,19 @@ def test_a_video_of_another_size_covers_the_display(footage: Path) -> None:
     scene = {"background": str(footage), "background_fit": "cover", "background_rate": "own"}
     protocol = staged(None, scene, display={"width": 100, "height": 100})
     assert Renderer(protocol).grey(0).std() > 5
+    # A display of its width shows the middle of its rows.
+    wide = staged(None, scene, display={"width": 80, "height": 30})
+    np.testing.assert_array_equal(Renderer(wide).grey(0), Renderer(FOOTAGE).grey(0)[15:45])
+
+
+def test_a_video_that_does_not_fit_into_memory_is_refused(
+    footage: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background, "_MOST_BYTES", 19 * 80 * 60)
+    with pytest.raises(StimulusError, match="it does not fit into memory; shorten timing"):
+        in_footage(footage, background_end="loop")
+    monkeypatch.setattr(background, "_MOST_BYTES", 20 * 80 * 60)
+    in_footage(footage, background_end="loop")
 
 
 @pytest.mark.parametrize(
@@ -432,7 +485,7 @@ def test_a_video_of_another_size_covers_the_display(footage: Path) -> None:
     [
         ({"background_start_s": 0.05}, 20, "ends at 1 s, before the last frame"),
         ({"background_start_s": 0.5}, 20, "ends at 1 s, before the last frame"),
-        ({}, 30, "it has 20 frames/s and the display 30; change display.frame_rate"),
+        ({}, 21, "it has 20 frames/s and the display 21; change display.frame_rate"),
         ({"background_rate": "own"}, 30, ""),
     ],
 )
