@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oppload_cli.stimulus.coverage import disk_coverage, polygon_coverage
+from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
 
 place = st.floats(20, 60)
 
@@ -48,6 +48,22 @@ def test_disk_pixel_by_pixel(x: float, y: float, radius: float) -> None:
     assert np.abs(picture - sampled).max() < 0.02
 
 
+@pytest.mark.parametrize("middle", [(0.3, 30.2), (100.4, 29.8), (50.1, -0.4), (49.7, 60.2)])
+def test_polygon_pixel_by_pixel_where_the_display_cuts_it(middle: tuple[float, float]) -> None:
+    corners = np.add(middle, [(14, 3), (-8, 15), (-11, -13), (5, -17)])
+    window, coverage = polygon_coverage(corners, 60, 100)
+    assert 0 in {window.left, window.right - 100, window.top, window.bottom - 60}
+    picture = np.zeros((60, 100))
+    picture[window.slices] = coverage
+    fine = 20
+    y, x = np.mgrid[: 60 * fine, : 100 * fine] / fine + 0.5 / fine
+    inside = np.ones(x.shape, np.bool_)
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        inside &= (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0)
+    sampled = inside.reshape(60, fine, 100, fine).mean(axis=(1, 3))
+    assert np.abs(picture - sampled).max() < 0.04
+
+
 def test_several_disks_at_once() -> None:
     x, y = np.array([10.2, 30.7, 45.1]), np.array([12.0, 33.3, 8.8])
     window, together = disk_coverage(x, y, 4.3, 50, 60)
@@ -64,3 +80,7 @@ def test_outside_of_the_display_there_is_nothing() -> None:
     _, coverage = polygon_coverage([(50, 50), (60, 50), (60, 60)], 40, 40)
     assert coverage.sum() == 0
     assert window.shape[1] == 0
+    assert disk_coverage(20, 20, 0, 40, 40)[1].sum() == 0
+    # The window is the smallest one, also where the display is higher than wide.
+    window, _ = disk_coverage(20.5, 70.2, 3, 80, 40)
+    assert window == Window(67, 74, 17, 24)

@@ -412,11 +412,12 @@ def test_too_many_dots_are_an_error() -> None:
         next(stimulus.frames(protocol))
 
 
-def test_a_square_of_which_one_corner_enters_the_display_is_drawn() -> None:
+@pytest.mark.parametrize("shape", [{"kind": "square"}, {"kind": "bar", "width_deg": 20}])
+def test_a_shape_of_which_one_corner_enters_the_display_is_drawn(shape: dict[str, Any]) -> None:
     """Turned by 45 degrees, it reaches sqrt(2) times half of its side: 2 deg into the display."""
     x = 20 + 10 * math.sqrt(2) - 2
-    shape = Object(id="s", kind="square", size_deg=20, axis_deg=45, centre_deg=(x, 0))
-    frame = next(stimulus.frames(made(shape)))
+    turned = Object(id="s", size_deg=20, axis_deg=45, centre_deg=(x, 0), **shape)
+    frame = next(stimulus.frames(made(turned)))
     assert dark_area(frame) == pytest.approx(2 * 2 * 25, rel=1e-2)
 
 
