@@ -13,6 +13,7 @@ from oppload_cli.batch.plan import (
     Failure,
     Input,
     Tally,
+    failed_in,
     parse_shard,
     planned,
     read_list,
@@ -21,7 +22,7 @@ from oppload_cli.batch.plan import (
 from oppload_cli.errors import ParameterError
 from oppload_cli.pipeline.task import Outcome
 from oppload_cli.processes import threads
-from oppload_cli.results.alarms import write_alarms
+from oppload_cli.results.alarms import in_words, verdicts_in, write_alarms
 
 
 @pytest.fixture
@@ -77,6 +78,8 @@ def test_inputs_whose_results_would_have_one_name_are_refused_but_the_first() ->
         "same names as those of a/deep/x.avi; give a folder of both with --recursive"
         in failure.message
     )
+    [failure] = planned(["none/x.mp4", "nowhere/x.mp4"]).failures  # in no folder
+    assert "as those of none/x.mp4; run the list of failures" in failure.message
 
 
 def test_inputs_of_one_name_have_names_of_their_own_in_the_list_of_failures(tree: Path) -> None:
@@ -102,7 +105,7 @@ def test_inputs_of_one_name_have_names_of_their_own_in_the_list_of_failures(tree
 
 @pytest.mark.usefixtures("tree")
 def test_a_name_that_matches_nothing_fails_and_does_not_hide_the_others() -> None:
-    plan = planned(["*.mkv", "empty", "b.mp4"], recursive=True)
+    plan = planned(["*.mkv", "empty", "b.mp4", Input("*.mkv")], recursive=True)
     assert [each.name for each in plan.inputs] == ["b.mp4"]
     assert [(failure.name, failure.code) for failure in plan.failures] == [
         ("*.mkv", 3),
@@ -121,6 +124,9 @@ def test_images_that_are_named_one_by_one_fail_once(tree: Path) -> None:
         "the folder, or a pattern such as frame_%03d.png"
     )
     assert plan.failures == [Failure("images", "", 3, message)]
+    (tree / "d.png").touch()
+    [failure] = planned(["c.png", "d.png"]).failures
+    assert failure.message.startswith(".: 2 of its images are given one by one")
 
 
 def test_a_ground_truth_beside_its_video_is_no_input(tree: Path) -> None:
@@ -147,6 +153,10 @@ def test_shards_are_the_plan_and_never_overlap(of: int) -> None:
     assert [failure.name for shard in shards for failure in shard.failures] == ["none*.mp4"]
 
 
+def test_the_first_and_the_last_shard() -> None:
+    assert [parse_shard(text) for text in ("1/8", "8/8", "1/1")] == [(1, 8), (8, 8), (1, 1)]
+
+
 @pytest.mark.parametrize("text", ["0/8", "9/8", "1", "1/0", "a/b", "-1/8", "1/8/2", "²/8", ""])
 def test_a_shard_that_is_not_valid(text: str) -> None:
     with pytest.raises(ParameterError, match="1/8 to 8/8"):
@@ -155,8 +165,10 @@ def test_a_shard_that_is_not_valid(text: str) -> None:
 
 def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "list"
-    path.write_bytes(b"a b.mp4\r\n\n#c.mp4\n\xff.mp4")
-    assert read_list(str(path)) == [("a b.mp4", ""), ("#c.mp4", ""), ("\udcff.mp4", "")]
+    path.write_bytes(b" a b.mp4 \r\n\n#c.mp4\n\xff.mp4")
+    assert read_list(str(path)) == [(" a b.mp4 ", ""), ("#c.mp4", ""), ("\udcff.mp4", "")]
+    path.write_bytes(b"one.mp4")
+    assert read_list(str(path), null=True) == [("one.mp4", "")]
     path.write_bytes(b"line\nend.mp4\0b.mp4\0")
     assert read_list(str(path), null=True) == [("line\nend.mp4", ""), ("b.mp4", "")]
     with pytest.raises(ParameterError, match="add -0"):
@@ -217,11 +229,14 @@ def test_failures_are_read_back_with_their_stems(tmp_path: Path) -> None:
     path = tmp_path / "failures.csv"
     hostile = Failure('n\ne"w,\udcff.mp4', "new-12345678", 3, "is no video\n; check")
     other = Failure("o\rld.mp4\r", "old-12345678", 3, "is no video")
-    write_failures(path, [other, hostile, Failure("*.mkv", "", 3, "matches no file")])
+    none = [Failure(name, "", 3, "matches no file") for name in ("*.avi", "*.mkv")]
+    write_failures(path, [other, hostile, *none])
     listed = read_list(str(path))
-    assert listed == [("*.mkv", ""), (hostile.name, hostile.stem), (other.name, other.stem)]
+    found = [(hostile.name, hostile.stem), (other.name, other.stem)]
+    assert listed == [("*.avi", ""), ("*.mkv", ""), *found]
+    assert dict(failed_in(tmp_path))[hostile.stem] == "is no video\\n; check"
     assert [each.stem for each in planned(listed).inputs] == [hostile.stem, other.stem]
-    assert path.read_bytes().startswith(b"input,stem,exit_code,error\n*.mkv,,3,matches no file\n")
+    assert path.read_bytes().startswith(b"input,stem,exit_code,error\n*.avi,,3,matches no file\n")
     write_failures(path, [])
     assert not path.exists()
 
@@ -270,7 +285,7 @@ def test_the_table_counts_every_state() -> None:
     tally = Tally([Failure("a", "", 3, "no")])
     for result in (Outcome(frames=10), Outcome(frames=5, complete=False), Outcome(skipped=True)):
         tally.add("a", result)
-    rows = [line.split() for line in tally.table(2.0)]
+    rows = [line.split() for line in tally.table(2.5)]
     assert rows[0] == ["inputs", "frames"]
     assert rows[1:5] == [
         ["done", "1", "10"],
@@ -278,7 +293,48 @@ def test_the_table_counts_every_state() -> None:
         ["skipped", "1", "0"],
         ["failed", "1", "0"],
     ]
-    assert rows[5][:3] == ["all", "4", "15"]
+    assert " ".join(rows[5]) == "all 4 15 in 2.5 s, 6 frames/s"
+
+
+def alarmed(**peaks: float) -> Outcome:
+    """Return an outcome with an alarm of each detector whose peak is above 1."""
+    event = {"start_frame": 3, "start_s": 0.1, "end_s": 0.2}
+    found = {
+        model: {"alarms": [{**event, "peak_over_threshold": peak}] * (peak > 1), "peak": peak}
+        for model, peak in peaks.items()
+    }
+    return Outcome(verdicts=verdicts_in({"alarms": found}))
+
+
+def test_the_strongest_alarms_come_first_and_the_others_are_counted() -> None:
+    tally, place, order = Tally(), Path("alarms.csv"), ("strong", "weak")
+    outcomes = {
+        "weak": alarmed(opplod=0.5, dlgmd=2.0),
+        "none": alarmed(opplod=0.5, dlgmd=0.5),
+        "strong": alarmed(opplod=3.0, dlgmd=4.0),
+    }
+    for name, outcome in outcomes.items():
+        tally.add(name, outcome)
+    stems = {name: name.upper() for name in outcomes}
+    strong, weak = (f"  {each.upper()}: {in_words(outcomes[each].verdicts)}" for each in order)
+    first = "2 of 3 inputs had an alarm (D-LGMD 2, OppLoD 1); the strongest first:"
+    assert list(tally.alarms(2, place, stems)) == [first, strong, weak]
+    assert list(tally.alarms(1, place, stems)) == [first, strong, "  and 1 more: alarms.csv"]
+
+
+def test_alarms_of_more_than_three_detectors_are_counted_by_detector() -> None:
+    tally, place = Tally(), Path("alarms.csv")
+    tally.add("a", alarmed(opplod=2, dlgmd=0.5, lgmd1=0.5))
+    assert next(tally.alarms(2, place, {"a": "a"})).endswith("(OppLoD 1); the strongest first:")
+    tally.add("b", alarmed(opplod=2, dlgmd=2, lgmd1=0.5, plgmd=0.5))
+    lines = [line.split() for line in tally.alarms(2, place, {})]
+    assert " ".join(lines[0]) == "2 of 2 inputs had an alarm; all alarms: alarms.csv"
+    assert lines[1:] == [["OppLoD", "2"], ["D-LGMD", "1"]]
+    one = Tally()
+    one.add("a", alarmed(opplod=2))
+    assert next(one.alarms(2, place, {"a": "a"})) == (
+        "1 of 1 inputs had an alarm; the strongest first:"
+    )
 
 
 @pytest.mark.slow
@@ -293,4 +349,7 @@ def test_ten_thousand_inputs(tmp_path: Path) -> None:
 
 
 def test_a_listed_entry_is_one_input() -> None:
-    assert [each.stem for each in planned([Input("x.mp4", "x-1"), "y.mp4"]).inputs] == ["x-1", "y"]
+    entry = Input("x.mp4", "x-1")
+    other, last = Input("x.mp4"), Input("y.mp4")
+    for named in ([entry, other, last], [other, entry, last]):
+        assert [each.stem for each in planned(named).inputs] == ["x-1", "y"]

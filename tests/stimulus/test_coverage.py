@@ -50,7 +50,7 @@ def test_disk_pixel_by_pixel(x: float, y: float, radius: float) -> None:
 
 @pytest.mark.parametrize("middle", [(0.3, 30.2), (100.4, 29.8), (50.1, -0.4), (49.7, 60.2)])
 def test_polygon_pixel_by_pixel_where_the_display_cuts_it(middle: tuple[float, float]) -> None:
-    corners = np.add(middle, [(14, 3), (-8, 15), (-11, -13), (5, -17)])
+    corners = np.add(middle, [(14, 16), (-8, 4), (-17, -2), (5, -17)])
     window, coverage = polygon_coverage(corners, 60, 100)
     assert 0 in {window.left, window.right - 100, window.top, window.bottom - 60}
     picture = np.zeros((60, 100))
