@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oppload_cli.video.frames import FrameTimes
+from oppload_cli.video.frames import DecodeFacts, FrameTimes
 
 
 def taken(times: list[float], rate: float | None = None) -> tuple[list[float], FrameTimes]:
@@ -22,6 +24,7 @@ def test_times_that_increase_stay_as_they_are() -> None:
     assert kept.remarks() == []
     assert kept.rate == pytest.approx(25)
     assert kept.as_dict()["longest_step_s"] == pytest.approx(0.12)
+    assert kept.seconds == pytest.approx(0.24)
 
 
 @pytest.mark.parametrize(("gap_s", "said"), [(0.5, False), (0.6, True)])
@@ -81,7 +84,8 @@ def test_a_clock_that_is_set_back_goes_on() -> None:
 
 def test_times_that_all_stand_still_follow_by_the_declared_rate() -> None:
     assert taken([0.0] * 4, 50)[0] == pytest.approx([0, 0.02, 0.04, 0.06])
-    assert taken([0.0] * 4)[0] == pytest.approx([0, 1 / 30, 2 / 30, 3 / 30])
+    for rate in (None, 0, math.inf, -5, math.nan):
+        assert taken([0.0] * 4, rate)[0] == pytest.approx([0, 1 / 30, 2 / 30, 3 / 30])
 
 
 @pytest.mark.parametrize("rate", [10, 24, 29.97, 30, 60, 120, 240, 480, 700, 1000])
@@ -101,6 +105,11 @@ def test_the_rate_is_that_of_most_frames() -> None:
     """Neither a pause of a minute nor steps of twice the usual length change the rate."""
     doubled = np.cumsum([1, 1, 1, 2] * 20) / 30
     assert taken([0.0, *doubled, doubled[-1] + 60])[1].rate == pytest.approx(30)
+
+
+def test_the_rate_is_that_of_the_first_1024_steps() -> None:
+    steps = np.repeat([1 / 30, 1 / 10], [1024, 1100])
+    assert taken(np.cumsum(steps).tolist())[1].rate == pytest.approx(30)
 
 
 def test_the_rate_is_that_of_the_shorter_steps_if_half_of_the_steps_are_much_longer() -> None:
@@ -133,6 +142,11 @@ def test_a_low_frame_rate_after_a_higher_one_gives_a_remark() -> None:
     (note,) = taken([*day, *night])[1].remarks()
     # The median of 15 steps shows the new rate from its eighth step on.
     assert note.startswith("for 18 s in all, frames came at less than 9 per second, too few for")
+    # A pause in it does not count.
+    paused = [time_s + 100 * (time_s > 70) for time_s in night]
+    _, again = taken([*day, *paused])[1].remarks()
+    assert again == note
+    assert taken([*day, *night[:15]])[1].remarks() == []  # it lasts less than 2 s
     pauses = [0, *(5 + t / 30 + 5 * (t // 100) for t in range(1800))]
     (note,) = taken(pauses)[1].remarks()
     assert note.startswith("the longest time without a frame is 5.03 s")
@@ -151,3 +165,14 @@ def test_many_frames_are_no_fault() -> None:
     _, kept = taken([t / 1000 for t in range(2000)], 1000)
     assert kept.remarks() == []
     assert kept.rate == pytest.approx(1000)
+
+
+def test_an_input_is_complete_without_a_fault_and_keeps_five_messages() -> None:
+    assert DecodeFacts().complete
+    faulty = DecodeFacts(failures=1), DecodeFacts(corrupt=1), DecodeFacts(missing=1)
+    assert not any(facts.complete for facts in faulty)
+    facts = DecodeFacts()
+    for number in (1, 1, 2, 3, 4, 5, 6):
+        facts.failed(f"packet {number}")
+    assert facts.failures == 7
+    assert facts.messages == [f"packet {number}" for number in (1, 2, 3, 4, 5)]

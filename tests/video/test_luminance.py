@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import av
@@ -9,7 +11,14 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.video.frames import InputFacts, Picture, WorkingSize
+from oppload_cli.video.frames import (
+    InputFacts,
+    Picture,
+    WorkingSize,
+    frames_ahead,
+    in_digits,
+    sizes_in_words,
+)
 from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.planes import Resizing, luma_plane, resized
 
@@ -41,6 +50,38 @@ def test_working_size(
 
 def test_sides_of_13_px_are_large_enough() -> None:
     assert [len(WorkingSize(side, 40, 1.0, 1.0).remarks()) for side in (12, 13)] == [1, 0]
+
+
+def test_enlarging_by_more_than_two_and_a_half_gives_a_remark() -> None:
+    small = facts(320, 240)
+    assert WorkingSize.of(small, 600).remarks() == []
+    [remark] = WorkingSize.of(small, 720).remarks()
+    assert remark.startswith("is enlarged 3 times, to 960 x 720 px: the models see no more detail")
+
+
+@pytest.mark.parametrize(
+    ("size", "changes", "colour", "ahead"),
+    [
+        ((64, 48), {}, False, 16),
+        ((640, 480), {}, False, 6),  # of 1.2 MB each in 8 MB
+        ((1920, 1080), {}, False, 2),
+        ((64, 48), {}, True, 2),
+        ((64, 48), {"kind": "camera"}, False, 1),
+        ((64, 48), {"kind": "stream"}, True, 1),
+    ],
+)
+def test_frames_that_wait_between_threads(
+    size: tuple[int, int], changes: dict[str, Any], colour: bool, ahead: int
+) -> None:
+    source = replace(facts(*size), **changes)
+    assert frames_ahead(source, WorkingSize.of(source, None), colour=colour) == ahead
+
+
+def test_sizes_and_rate_in_words() -> None:
+    source = replace(facts(320, 240), frame_rate=Fraction(30000, 1001))
+    text = sizes_in_words(source, WorkingSize.of(source, 120))
+    assert text == "320 x 240 at 29.97 frames/s, seen at 160 x 120"
+    assert [in_digits(rate) for rate in (29.97, 999.96, 12345.0)] == ["29.97", "1000", "12345"]
 
 
 def test_a_working_size_that_is_too_large() -> None:

@@ -54,16 +54,23 @@ def test_the_angle_between_points_is_that_of_their_directions() -> None:
 
 
 def test_the_size_of_a_box_is_that_through_its_middle() -> None:
-    view = WIDE.view((300, 0, 100, 100), (350, 50), None)
-    # Vectors from the eye to the ends of the middle row, 50 px above the middle of the frame.
-    left, right = (100, 50, 200), (200, 50, 200)
-    cosine = (
-        sum(a * b for a, b in zip(left, right, strict=True))
-        / math.hypot(*left)
-        / math.hypot(*right)
+    """The direction is that of the focus of expansion, which need not be the middle."""
+    view = WIDE.view((300, 0, 60, 150), (340, 50), None)
+
+    # Vectors from the eye to the ends of the middle row, 25 px above the middle of the frame, and
+    # of the middle column, 130 px to the right of it.
+    def apart(one: tuple[int, int, int], other: tuple[int, int, int]) -> float:
+        product = sum(a * b for a, b in zip(one, other, strict=True))
+        return math.degrees(math.acos(product / math.hypot(*one) / math.hypot(*other)))
+
+    across, down = apart((100, 25, 200), (160, 25, 200)), apart((130, 100, 200), (130, -50, 200))
+    assert view == (
+        *WIDE.direction(340, 50),
+        *(pytest.approx(each) for each in (across, down, down)),
+        None,
     )
-    assert view.angular_width_deg == pytest.approx(math.degrees(math.acos(cosine)))
-    assert view.angular_speed_deg_s is None
+    wider = WIDE.view((150, 80, 100, 40), (200, 100), None)
+    assert wider.angular_size_deg == wider.angular_width_deg == pytest.approx(WIDE.degrees(100))
 
 
 def test_the_size_of_an_approach_grows_as_its_derivative() -> None:
@@ -85,7 +92,7 @@ def test_a_field_of_view_that_no_camera_has(text: str) -> None:
         parse_fov(text)
 
 
-@pytest.mark.parametrize("value", [True, [90], None])
+@pytest.mark.parametrize("value", [True, [90], None, 10**400])
 def test_a_field_of_view_that_is_no_number(value: object) -> None:
     with pytest.raises(ParameterError, match="above 0 and below 180 degrees"):
         parse_fov(value)  # type: ignore[arg-type]
