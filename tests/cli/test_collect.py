@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import copy
 import gc
 import json
 import shutil
@@ -45,15 +46,53 @@ def test_a_row_per_input_and_model(results: Path, clip: Path, tmp_path: Path) ->
         assert row["first_alarm_frame"] == ("" if alarm is None else str(alarm))
 
 
+def test_a_row_holds_the_facts_of_its_sidecar(results: Path, tmp_path: Path) -> None:
+    content = json.loads((results / "deep" / "loom.oppload.json").read_text())
+    for part, names in (
+        ("input", ("width", "height")),
+        ("working", ("width", "height")),
+        ("decode", ("decoded", "analysed", "missing", "dropped", "repeats", "near_repeats")),
+    ):
+        content[part].update({name: 101 + len(part) + at for at, name in enumerate(names)})
+    content["input"] |= {"name": "a\udcff.mp4", "codec": "vp9", "frame_rate": "30000/1001"}
+    content["decode"] |= {"pictures_per_s": 12.5, "complete": False}
+    content["stimulus"] = {"name": "hit", "looming": True, "contact_time_s": 1.25}
+    content["tool"]["oppload"], content["wall_s"], content["frames_per_s"] = "0.9", 7.5, 3.25
+    unknown = copy.deepcopy(content)
+    unknown["input"]["frame_rate"], unknown["stimulus"] = None, None
+    for name, held in (("b\udcff", content), ("a", unknown)):  # without a table
+        (tmp_path / f"{name}.oppload.json").write_text(json.dumps(held))
+    assert oppload("collect", tmp_path, "-o", tmp_path / "all.csv").returncode == 0
+    lacking, row = rows_of(tmp_path / "all.csv")
+    about = list(row)[: list(row).index("model") + 1]
+    assert " ".join(about) == (
+        "result input kind codec width height frame_rate working_width working_height preset "
+        "decoded analysed missing dropped repeats near_repeats pictures_per_s complete wall_s "
+        "frames_per_s oppload stimulus looming contact_time_s model"
+    )
+    assert " ".join(row[name] for name in about) == (
+        "b\\udcff a\\udcff.mp4 container vp9 106 107 29.97003 108 109 default "
+        "107 108 109 110 111 112 12.5 false 7.5 "
+        "3.25 0.9 hit true 1.25 dlgmd"
+    )
+    empty = {name for name in about if not lacking[name]}
+    assert empty == {"frame_rate", "stimulus", "looming", "contact_time_s"}
+
+
 def test_what_was_collected_is_counted(results: Path, tmp_path: Path) -> None:
-    deep = results / "deep"
-    for folders, said in (
-        ([results], "2 results, 3 rows"),
-        ([deep], "1 result, 1 row"),
-        ([results, deep, results], "2 results, 3 rows"),  # each once
+    deep, link = results / "deep", tmp_path / "link"
+    link.symlink_to(results)
+    for folders, said, names in (
+        ([results], "2 results, 3 rows", ["loom", "loom", "deep/loom"]),
+        ([deep], "1 result, 1 row", ["loom"]),
+        # each once, by its name in the first folder
+        ([deep, results, link], "2 results, 3 rows", ["loom", "loom", "loom"]),
     ):
         target = tmp_path / f"{len(folders)}-{folders[0].name}.csv"
         assert oppload("collect", *folders, "-o", target).stderr == f"{said} -> {target}\n"
+        assert [row["result"] for row in rows_of(target)] == names
+    done = oppload("collect", deep, "-o", target, "--if-exists", "overwrite")
+    assert (done.returncode, len(rows_of(target))) == (0, 1)
 
 
 def test_all_frames_in_one_table(results: Path, tmp_path: Path) -> None:
@@ -64,12 +103,16 @@ def test_all_frames_in_one_table(results: Path, tmp_path: Path) -> None:
         assert {**row, **own} == row
     assert table[30]["opplod_response"] == table[30]["rmo_index"] == ""
     assert table[30]["dlgmd_response"] != ""
+    # The default detectors always have columns.
+    words = ("-o", tmp_path / "deep.csv", "--frames")
+    assert oppload("collect", results / "deep", *words).returncode == 0
+    assert rows_of(tmp_path / "deep.csv")[0].keys() == table[0].keys()
 
 
 def test_frames_of_one_result_with_more_columns(clip: Path, tmp_path: Path) -> None:
-    """The result with inner values and degrees comes first, one without them follows."""
+    """The result with inner values, degrees and calcium comes first, one without them follows."""
     words = ("--height", "60", "--no-rmo", "--end", "f8", "-o")
-    more = ("--columns", "all", "--fov", "60")
+    more = ("--columns", "all", "--fov", "60", "--preset", "lplc2")
     assert oppload("run", clip, *words, tmp_path / "r" / "a", *more).returncode == 0
     assert oppload("run", clip, *words, tmp_path / "r" / "b").returncode == 0
     done = oppload("collect", tmp_path / "r", "-o", tmp_path / "f.csv", "--frames")
@@ -120,10 +163,11 @@ def test_a_bad_sidecar_is_named_and_spares_the_others(results: Path, tmp_path: P
     (folder / "alone.frames.csv").write_text("frame,time_s\n")
     done = oppload("collect", folder, "-o", tmp_path / "all.csv")
     assert done.returncode == 4
-    for name in bad:
-        assert f"{folder / name}.oppload.json: " in done.stderr
-    assert "alone.frames.csv: has no sidecar" in done.stderr
-    assert done.stderr.count("\n") == len(bad) + 3
+    *lines, _, _ = done.stderr.splitlines()
+    named = [line.split(": ")[1] for line in lines]
+    alone = f"{folder / 'alone'}.frames.csv"
+    assert named == [alone, *(f"{folder / name}.oppload.json" for name in sorted(bad))]
+    assert f"{alone}: has no sidecar" in done.stderr
     assert len(rows_of(tmp_path / "all.csv")) == 3
 
 
@@ -206,6 +250,10 @@ def test_without_pyarrow(results: Path, tmp_path: Path, monkeypatch: pytest.Monk
         (lambda lines: put(lines, "nan"), "'frame' holds 'nan' in line 10, which is not a finite"),
         (lambda lines: put(lines, "8,1,2"), "CSV table (line 10 has 22 cells, not 20); run its"),
         (lambda lines: put(lines, "2"), "holds '2' in line 10, which is not above the value in"),
+        (
+            lambda lines: [f"{lines[0]},mine", *(f"{each},1" for each in lines[1:])],
+            "is no table of",
+        ),
     ],
 )
 def test_the_rows_of_each_table_are_checked(
@@ -226,6 +274,14 @@ def test_the_rows_of_each_table_are_checked(
     done = oppload("collect", folder, "-o", tmp_path / "all.csv")
     assert done.returncode == (4 if "complete rows" in reason else 0)
     assert (reason in done.stderr) == ("complete rows" in reason or not reason)
+
+
+def test_a_summary_needs_no_table(results: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.oppload.json").write_text((results / "loom.oppload.json").read_text())
+    assert oppload("collect", tmp_path, "-o", tmp_path / "all.csv").returncode == 0
+    done = oppload("collect", tmp_path, "-o", tmp_path / "f.csv", "--frames")
+    assert done.returncode == 3
+    assert f"{tmp_path / 'a'}.frames.csv: there is no such file; run its input" in done.stderr
 
 
 def put(lines: list[str], text: str) -> list[str]:
