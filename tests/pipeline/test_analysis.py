@@ -25,11 +25,14 @@ from oppload_cli import (
 )
 from oppload_cli.errors import FrameError, ParameterError, SourceError
 from oppload_cli.models.bank import DetectorBank
+from oppload_cli.models.detector import Box, Response
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.pipeline.analysis import pass_params
+from oppload_cli.pipeline.one_pass import _in_source
 from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import WorkingSize
+from oppload_cli.video.inputs import Span, parse_position
 from tests.detection.showing import approaching
 from tests.media import disk, looming, texture, write_video
 from tests.presets import DEFAULT, REFERENCE
@@ -215,6 +218,9 @@ def test_a_still_video_answers_zero_from_the_fourth_frame(tmp_path: Path) -> Non
         assert [answer.response for answer in record.responses.values() if answer] == [0, 0]
     assert [each.luma_change for each in still] == [None] + [0] * 11
     assert [each.rmo for each in still] == [None] + [RmoMetrics()] * 11
+    with open_video(tmp_path / "a.mkv", span=Span(parse_position("0.1"))) as part:
+        given = [each.responses["opplod"] is not None for each in analyse(part)]
+    assert given == [False] * 3 + [True] * 6
 
 
 def test_a_still_scene_answers_zero_from_the_frame_in_which_a_moving_one_is_answered() -> None:
@@ -308,6 +314,12 @@ def test_boxes_are_in_source_pixels(tmp_path: Path) -> None:
     assert (last.width, last.height) == (240, 240)
     centre = (last.x + last.width / 2, last.y + last.height / 2)
     assert centre == pytest.approx((160, 100), abs=8)
+
+
+def test_a_box_in_source_pixels_has_the_scale_of_each_side() -> None:
+    shown = _in_source(Response(1.0, Box(1, 2, 3, 4)), WorkingSize(40, 20, 2.0, 5.0))
+    assert shown is not None
+    assert shown.box == Box(2, 10, 6, 20)
 
 
 def test_one_model_alone(tmp_path: Path) -> None:
@@ -489,8 +501,8 @@ def test_the_remarks_are_those_of_the_sidecar() -> None:
     times[20] = times[19]
     analysis = Analysis((120, 120), rate=30, height=12)
     assert len(analysis.remarks) == 1
-    for frame, time_s in zip(frames, times, strict=True):
-        analysis.step(frame, time_s)
+    records = [analysis.step(frame, time_s) for frame, time_s in zip(frames, times, strict=True)]
+    assert [each.time_s for each in records[18:22]] == [18 / 16, 19 / 16, 20 / 16, 21 / 16]
     back, rate, repeats, small = analysis.remarks
     assert back.startswith("1 frame has a time that is not later than that of the frame before")
     assert (

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from oppload_cli.pipeline.one_pass import Prepared
+
     Luma = NDArray[np.float32]
 
 RESTED = Repeat(EXACT, still_begins=True)
@@ -144,6 +146,59 @@ def test_the_detectors_begin_again_once_the_cadence_is_known(still: int) -> None
             begun[k - still] = [(x.frame.index - still, x.repeat.passed_over) for x in frames]
     passed_over = {1, 2, 4, 6, 7, 9}
     assert begun == {10: [(k, k in passed_over) for k in range(11)]}
+
+
+class Told:
+    """In the place of `Repeats`: letters say which frames are repeats, a number the cadence."""
+
+    def __init__(self, kinds: str, known_at: int = 1000, *, in_run: bool = False) -> None:
+        self._kinds, self._known_at, self.in_run = kinds, known_at, in_run
+        self._count = self.forgotten = 0
+
+    def step(self, _luma: Luma, _time_s: float) -> Repeat:
+        self._count += 1
+        return Repeat(NEAR, passed_over=True) if self._kinds[self._count - 1] == "r" else Repeat()
+
+    @property
+    def is_cadence(self) -> bool:
+        return self._count > self._known_at
+
+    def again(self, frames: list[object]) -> list[Repeat]:
+        return [Repeat(NEAR) for _ in frames]
+
+    def forget_cadence(self) -> None:
+        self.forgotten += 1
+
+
+def prepared_as(told: Told, count: int, luma: Luma, rate: int) -> list[Prepared]:
+    repeats: Any = told
+    chosen = PassParams("default", [], AlarmParams(), None, TimeParams(), None, repeats)
+    preparation = Preparation(chosen, Fraction(rate))
+    return [preparation.step(Frame(k, k / rate, luma)) for k in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("shape", "known_at", "again"),
+    [((8, 8), 11, 11), ((8, 8), 13, 0), ((4096, 2048), 1, 1), ((4096, 2048), 2, 0)],
+)
+def test_a_cadence_counts_from_the_start_for_0_6_s_and_64_mb(
+    shape: tuple[int, int], known_at: int, again: int
+) -> None:
+    """At 20 frames/s; frames of 4096 x 2048 px take 32 MB each."""
+    luma = np.broadcast_to(np.float32(0), shape)
+    prepared = prepared_as(Told("p" * 20, known_at), known_at + 2, luma, rate=20)
+    assert [len(each.again) for each in prepared] == [0] * known_at + [again, 0]
+
+
+@pytest.mark.parametrize("in_run", [False, True])
+def test_a_first_picture_that_stood_still_was_not_repeated(in_run: bool) -> None:
+    """No repeat follows the second picture: the detectors get all frames."""
+    told = Told("prrpp", in_run=in_run)
+    prepared = prepared_as(told, 5, np.zeros((8, 8), np.float32), rate=30)
+    assert [each.undecided for each in prepared] == [False] * 3 + [True, False]
+    assert [len(each.again) for each in prepared] == [0] * 4 + [0 if in_run else 4]
+    assert not any(each.repeat.passed_over for each in prepared[4].again)
+    assert told.forgotten == (not in_run)
 
 
 def test_a_start_with_exact_and_near_repeats_is_no_rest() -> None:
