@@ -1,0 +1,185 @@
+"""The result files of a task, and when an existing result is kept."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from oppload_cli.errors import OutputError
+from oppload_cli.pipeline.execute import run_task
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import IfExists, Outcome, Outputs, Task, Writing, exists_already
+from oppload_cli.results.alarms import verdicts_in
+from oppload_cli.results.table import DetectionsFile
+from oppload_cli.video.inputs import Span, parse_position
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PLACES = ["opplod", "dlgmd"]
+
+
+def test_the_files_of_a_result_and_those_that_other_options_leave(tmp_path: Path) -> None:
+    def names(paths: list[Path]) -> list[str]:
+        return [path.relative_to(tmp_path).as_posix() for path in paths]
+
+    every = Outputs.of(tmp_path, "b/a", PLACES, annotate=True)
+    kinds = ("frames.csv", "oppload.json", "detections.jsonl", "annotated.mp4")
+    assert names(every.paths()) == [f"b/a.{kind}" for kind in kinds]
+    assert every.left_over() == []
+    least = Outputs.of(tmp_path, "b/a", ["dlgmd"])
+    assert names(least.paths()) == ["b/a.frames.csv", "b/a.oppload.json"]
+    assert names(least.left_over()) == ["b/a.detections.jsonl.part", "b/a.annotated.mp4.part"]
+
+
+def test_paths_become_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    here = tmp_path.relative_to(tmp_path)
+    for models in (PLACES, ["dlgmd"]):
+        assert Outputs.of(here, "a", models).absolute() == Outputs.of(tmp_path, "a", models)
+
+
+def test_a_result_is_kept_if_all_of_its_files_exist(tmp_path: Path) -> None:
+    outputs = Outputs.of(tmp_path, "a", PLACES)
+    for path in outputs.paths():
+        assert not any(outputs.kept(each) for each in (IfExists.SKIP, IfExists.OVERWRITE))
+        path.touch()
+        with pytest.raises(OutputError, match=r"a\.frames\.csv: exists already; choose"):
+            outputs.kept(IfExists.ERROR)
+    assert outputs.kept(IfExists.SKIP)
+    assert not outputs.kept(IfExists.OVERWRITE)
+    for name in ("a.oppload.json", "a.detections.jsonl.part"):
+        for path in tmp_path.iterdir():
+            path.unlink()
+        (tmp_path / name).touch()
+        with pytest.raises(OutputError, match=rf"{name}: exists already; choose"):
+            outputs.kept(IfExists.ERROR)
+
+
+def test_an_outcome_has_an_alarm_if_any_detector_has_one() -> None:
+    event = {"start_frame": 3, "start_s": 0.1, "end_s": 0.2, "peak_over_threshold": 2.0}
+    held = {name: {"alarms": [event] * (name == "dlgmd"), "peak": 2.0} for name in PLACES}
+    assert Outcome(verdicts=verdicts_in({"alarms": held})).alarmed
+    assert not Outcome(verdicts=verdicts_in({"alarms": held})[:1]).alarmed
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
+    """A task with its result."""
+    folder = tmp_path_factory.mktemp("task")
+    clip = write_video(folder / "a.avi", grey_frames(5))
+    settings = resolve(models=PLACES, height="48", fov="70", measure_rmo=False)
+    outputs = Outputs.of(folder, "a", settings.models)
+    run_task(Task(str(clip), settings, outputs))
+    return Task(str(clip), settings, outputs, if_exists=IfExists.SKIP)
+
+
+def kept_as(task: Task, folder: Path, change: dict[str, Any]) -> Outcome | None:
+    """Return the outcome of a copy of the result whose sidecar has other values."""
+    assert task.outputs is not None
+    copy = Outputs.of(folder, "a", task.settings.models)
+    for old, new in zip(task.outputs.paths(), copy.paths(), strict=True):
+        new.write_bytes(old.read_bytes())
+    content = json.loads(copy.sidecar.read_text())
+    for keys, value in change.items():
+        *parts, last = keys.split("/")
+        held = content
+        for part in parts:
+            held = held[part]
+        held.pop(last) if value is None else held.update({last: value})
+    copy.sidecar.write_text(json.dumps(content))
+    return exists_already(replace(task, outputs=copy))
+
+
+def test_an_outcome_of_a_kept_result_is_that_of_its_run(task: Task, tmp_path: Path) -> None:
+    assert exists_already(replace(task, if_exists=IfExists.OVERWRITE)) is None
+    plain = kept_as(task, tmp_path, {})
+    assert plain is not None
+    assert (plain.skipped, plain.complete, plain.notes) == (True, True, ())
+    assert [each.model for each in plain.verdicts] == PLACES
+    faulty = {"decode/complete": False, "decode/messages": ["cut"], "remarks": ["too short"]}
+    other = kept_as(task, tmp_path, faulty)
+    assert other is not None
+    assert (other.complete, other.notes, other.remarks) == (False, ("cut",), ("too short",))
+    # Results before 1.0 lack remarks, and the size of an input is not always known.
+    old = kept_as(task, tmp_path, {"remarks": None, "loaded": None, "input/bytes": None})
+    assert old == replace(plain, remarks=())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"input/bytes": 7}, "is a result of another input, "),
+        ({"input/name": "b.avi"}, "is a result of another input, b.avi; choose --if-exists"),
+        ({"models": ["dlgmd", "opplod"]}, "of the models dlgmd, opplod, not opplod, dlgmd"),
+        ({"columns": "all"}, "with --columns all, not usual"),
+        ({"height": 60}, "at --height 60, not 48"),
+        ({"height": 0}, "at --height native, not 48"),
+        ({"measure_rmo": True}, "with radial motion opponency"),
+        ({"span/start": "f3"}, "of another part of the input: see --start"),
+        ({"preset": "paper", "parameters/alarm/factor": 9}, "of preset paper, not default"),
+        ({"parameters/alarm/factor": 9}, "with alarm.factor = 9, not 8.0"),
+        ({"parameters/places/most": 9}, "with places.most = 9, not"),
+        ({"parameters/repeats/handling": "off"}, "with repeats.handling = off, not"),
+        ({"parameters/time/interval": "frame"}, "with time.interval = frame, not 1/30"),
+        ({"field_of_view": {}}, "with no --fov, not --fov 70"),
+        ({"decode/complete": None}, "a.oppload.json: is damaged; choose --if-exists overwrite"),
+        ({"decode/analysed": 6}, "a.frames.csv: holds 5 complete rows, but its run wrote 6"),
+    ],
+)
+def test_a_result_of_another_task_is_named(
+    task: Task, tmp_path: Path, change: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(OutputError) as caught:
+        kept_as(task, tmp_path, change)
+    assert said in str(caught.value)
+
+
+def test_what_has_no_effect_on_a_result_does_not_matter(task: Task, tmp_path: Path) -> None:
+    span = Span(parse_position("f3"), parse_position("0.1"))
+    written = json.loads(json.dumps(asdict(span), default=str))
+    for same, change in (
+        (task, {"preset": "paper"}),
+        (task, {"parameters/alarm/plgmd_floor": 9}),  # of a detector that does not run
+        (task, {"parameters/rmo/reduction": 9}),  # not measured
+        (task, {"loaded": [{"name": "mine.py", "sha256": "0"}]}),  # of a detector that does not run
+        (replace(task, span=span), {"span": written}),
+    ):
+        kept = kept_as(same, tmp_path, change)
+        assert kept is not None
+        assert kept.skipped
+    settings = resolve(models=PLACES, height="48", fov="70", measure_rmo=True)
+    change = {"measure_rmo": True, "parameters/rmo/reduction": 9}
+    with pytest.raises(OutputError, match=r"with rmo\.reduction = 9, not"):
+        kept_as(replace(task, settings=settings), tmp_path, change)
+
+
+def test_the_table_gets_its_name_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So an old table never lies beside new files, and a complete one beside all of its files."""
+    outputs = Outputs.of(tmp_path, "a", PLACES)
+    for path in (*outputs.paths(), *outputs.left_over()):
+        path.write_text("old")
+    seen: list[tuple[str, bool]] = []
+
+    def content() -> dict[str, Any]:
+        seen.append(("content", outputs.csv.exists()))
+        return {}
+
+    commit = DetectionsFile.commit
+
+    def committed(self: DetectionsFile) -> None:
+        seen.append(("detections", outputs.csv.exists()))
+        commit(self)
+
+    monkeypatch.setattr(DetectionsFile, "commit", committed)
+    table = outputs.begin(IfExists.OVERWRITE)
+    assert table is not None
+    video: Any = None  # only an annotated video needs it
+    Writing(outputs, table, video, ["frame"], PLACES, boxes="all").commit(content)
+    assert seen == [("content", False), ("detections", False)]
+    assert outputs.csv.read_text() == "frame\n"
+    assert sorted(tmp_path.iterdir()) == sorted(outputs.paths())
