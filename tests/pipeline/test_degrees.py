@@ -51,10 +51,10 @@ def stimulus(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_field_of_view_that_the_ground_truth_contradicts_gives_a_remark(
     stimulus: Path, tmp_path: Path
 ) -> None:
-    for fov, told in ((60.0, False), (90.0, True)):  # 300 px at 5 px/deg
+    for fov, told in ((60.5, False), (59.3, True), (60.7, True)):  # 300 px at 5 px/deg
         _, sidecar = done(stimulus, tmp_path / f"{fov}", fov=fov)
         said = (
-            "the field of view given is 90 degrees, but that of the ground truth 60; "
+            f"the field of view given is {fov} degrees, but that of the ground truth 60; "
             "the given one is used"
         )
         assert (said in sidecar["remarks"]) == told

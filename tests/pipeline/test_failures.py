@@ -6,12 +6,17 @@ import shutil
 import sys
 from typing import TYPE_CHECKING
 
+import cv2
+import numpy as np
 import pytest
 
-from oppload_cli.errors import OpploadError, OutputError, ShortageError
-from oppload_cli.pipeline.execute import run_task
+from oppload_cli.errors import OpploadError, OutputError, ParameterError, ShortageError
+from oppload_cli.pipeline.execute import _threads, collected, run_task
 from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.sources import open_source
 from oppload_cli.pipeline.task import Interrupted, Outputs, Task
+from oppload_cli.video.frames import WorkingSize
+from oppload_cli.video.inputs import Position, Span
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -101,3 +106,48 @@ def test_a_folder_that_vanishes_during_a_run_gives_an_error(
         run_task(task, on_frame=remove)
     assert said in str(found.value)
     assert "rows are in" not in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("frames", "dropped", "told"), [(60, 30, False), (60, 31, True), (600, 31, False)]
+)
+def test_dropped_frames_give_a_remark_if_they_are_many_and_a_share(
+    frames: int, dropped: int, told: bool
+) -> None:
+    settings = resolve(models=["dlgmd"], measure_rmo=False, height="13", repeats="keep")
+    shown = np.random.default_rng(1).integers(0, 255, (frames, 13, 13), np.uint8)
+    with open_source(shown, rate=30, height=13) as source:
+
+        def drop(_record: FrameRecord) -> None:
+            source.decode.dropped = dropped
+
+        _, sidecar = collected(source, settings, drop, None)
+    said = f"{dropped} of {frames + dropped} frames were dropped, because they came faster than"
+    found = [each for each in sidecar["remarks"] if "dropped" in each]
+    assert [each.startswith(said) for each in found] == [True] * told
+
+
+@pytest.mark.parametrize("span", [Span(Position(frame=5)), Span(end=Position(frame=0))])
+def test_a_part_without_a_frame_says_how_long_the_input_is(tmp_path: Path, span: Span) -> None:
+    video = write_video(tmp_path / "a.avi", grey_frames(5), rate=25)
+    settings = resolve(models=["dlgmd"], measure_rmo=False, height="24")
+    outputs = Outputs.of(tmp_path, "a", settings.models)
+    said = "a.avi: has no frame in the part .* leave; it has 0.20 s, 5 frames"
+    with pytest.raises(ParameterError, match=said):
+        run_task(Task(str(video), settings, outputs, span))
+    assert list(tmp_path.iterdir()) == [video]
+
+
+def test_opencv_has_its_number_of_threads_back_after_all_runs() -> None:
+    small, large = WorkingSize(32, 24, 1.0, 1.0), WorkingSize(4000, 3000, 1.0, 1.0)
+    before = cv2.getNumThreads()
+    try:
+        cv2.setNumThreads(2)
+        with _threads(small, 0):
+            assert cv2.getNumThreads() == 1
+            with _threads(large, 3):
+                assert cv2.getNumThreads() == 3
+            assert cv2.getNumThreads() == 3  # not yet 2, as a run still goes on
+        assert cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(before)

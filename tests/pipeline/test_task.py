@@ -72,7 +72,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
     """A task with its result."""
     folder = tmp_path_factory.mktemp("task")
     clip = write_video(folder / "a.avi", grey_frames(5))
-    settings = resolve(models=PLACES, height="48", fov="70", measure_rmo=False)
+    settings = resolve(models=PLACES, height="48", fov="60", measure_rmo=False)
     outputs = Outputs.of(folder, "a", settings.models)
     run_task(Task(str(clip), settings, outputs))
     return Task(str(clip), settings, outputs, if_exists=IfExists.SKIP)
@@ -126,7 +126,7 @@ def test_an_outcome_of_a_kept_result_is_that_of_its_run(task: Task, tmp_path: Pa
         ({"parameters/places/most": 9}, "with places.most = 9, not"),
         ({"parameters/repeats/handling": "off"}, "with repeats.handling = off, not"),
         ({"parameters/time/interval": "frame"}, "with time.interval = frame, not 1/30"),
-        ({"field_of_view": {}}, "with no --fov, not --fov 70"),
+        ({"field_of_view": {}}, "with no --fov, not --fov 60"),
         ({"decode/complete": None}, "a.oppload.json: is damaged; choose --if-exists overwrite"),
         ({"decode/analysed": 6}, "a.frames.csv: holds 5 complete rows, but its run wrote 6"),
     ],
@@ -142,9 +142,13 @@ def test_a_result_of_another_task_is_named(
 def test_what_has_no_effect_on_a_result_does_not_matter(task: Task, tmp_path: Path) -> None:
     span = Span(parse_position("f3"), parse_position("0.1"))
     written = json.loads(json.dumps(asdict(span), default=str))
+    models: dict[str, Any] = {"models": PLACES, "height": "48", "fov": "60"}
+    floor = resolve(**models, measure_rmo=False, assignments=["alarm.plgmd_floor=9"])
+    address = replace(task, name="rtsp://me:secret@host")
     for same, change in (
         (task, {"preset": "paper"}),
-        (task, {"parameters/alarm/plgmd_floor": 9}),  # of a detector that does not run
+        (replace(task, settings=floor), {}),  # of a detector that does not run
+        (address, {"input/name": "rtsp://host", "input/bytes": 7}),
         (task, {"parameters/rmo/reduction": 9}),  # not measured
         (task, {"loaded": [{"name": "mine.py", "sha256": "0"}]}),  # of a detector that does not run
         (replace(task, span=span), {"span": written}),
@@ -152,7 +156,7 @@ def test_what_has_no_effect_on_a_result_does_not_matter(task: Task, tmp_path: Pa
         kept = kept_as(same, tmp_path, change)
         assert kept is not None
         assert kept.skipped
-    settings = resolve(models=PLACES, height="48", fov="70", measure_rmo=True)
+    settings = resolve(**models, measure_rmo=True)
     change = {"measure_rmo": True, "parameters/rmo/reduction": 9}
     with pytest.raises(OutputError, match=r"with rmo\.reduction = 9, not"):
         kept_as(replace(task, settings=settings), tmp_path, change)
