@@ -228,6 +228,8 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
         assert done.returncode == 0
         told_of = [each for each in (assumed, stream, ignored) if each in done.stderr]
         assert told_of == [told] * bool(told)
+        assert ("has no effect on it" in done.stderr) == (told == ignored)
+        assert "ground truth" not in done.stderr
         remedy = "such as Matroska at its true rate, as --image-rate is for images"
         assert (remedy in done.stderr) == (told == stream and "60" in more)
     facts = json.loads((tmp_path / "frames.oppload.json").read_text())["input"]
@@ -258,9 +260,9 @@ def test_a_run_in_which_nothing_could_respond_says_so(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.avi", grey_frames(20))
     words = ("--no-rmo", "--if-exists", "overwrite", "-o", tmp_path)
     warm_up = (
-        "has no response of OppLoD, D-LGMD to any frame, so that nothing could cause an alarm: it "
-        "ends within the warm-up of 3 intervals of 10 s; give a longer video, or a shorter "
-        "time.interval"
+        "has no response of OppLoD, frame difference to any frame, so that nothing could cause an "
+        "alarm: it ends within the warm-up of 3 intervals of 10 s; give a longer video, or a "
+        "shorter time.interval"
     )
     frames = (
         "has no response of D-LGMD to any frame, so that nothing could cause an alarm: it ends "
@@ -276,7 +278,7 @@ def test_a_run_in_which_nothing_could_respond_says_so(tmp_path: Path) -> None:
     )
     part = ("--duration", "f3", "--model", "dlgmd", "--set", "time.interval=frame")
     for more, said in (
-        (("--set", "time.interval=10"), warm_up),
+        (("--set", "time.interval=10", "--model", "opplod,frame_difference"), warm_up),
         (("--duration", "f1", "--model", "frame_difference"), one),
         (part, frames),
         (("--height", "1"), small),

@@ -262,6 +262,8 @@ def test_the_noise_is_averaged_over_a_second() -> None:
     for _ in range(62):  # at twice the rate; the noise is in the first two changes
         filtering.step(scene(), 0.5)
     assert filtering._variance == pytest.approx(variance * (1 - 1 / 60) ** 60, rel=0.1)
+    filtering.step(scene(), 60.0)
+    assert filtering._variance == 0  # of frames far apart, the latest one counts alone
     filtering.reset()
     luma = scene()
     assert filtering.step(luma, 1.0) is luma
@@ -557,6 +559,12 @@ def test_bars_are_known_after_a_quarter_of_a_second(widths: Widths) -> None:
         found.append(bars.widths)
     assert found[7] == NO_BARS
     assert found[9:] == [widths] * 3
+    bars.reset()
+    found = []
+    for luma in shown(widths, 18):
+        bars.step(luma, 0.5)
+        found.append(bars.widths)
+    assert found == [NO_BARS] * 15 + [widths] * 3  # 15 steps after the first one are 7.5 intervals
 
 
 def test_bars_end_at_the_first_frame_without_them() -> None:
@@ -576,12 +584,24 @@ def test_a_plain_ground_around_an_object_is_no_bar() -> None:
     assert bars.widths == NO_BARS
 
 
-@pytest.mark.parametrize(("levels", "left"), [(7, 0), (3, 40)])
+@pytest.mark.parametrize(("levels", "left"), [(7, 0), (5, 40)])
 def test_a_strip_with_a_pattern_is_no_bar(levels: int, left: int) -> None:
-    """With its noise it varies by up to 9 or 5 grey levels; in a bar it varies by 6 at most."""
+    """A bar varies by 6 grey levels at most."""
     bars = Bars()
-    for luma in shown(Widths(left=40), 12):
+    for t in range(12):
+        luma = np.roll(scene(2), 3 * t, 1)
+        luma[:, :40] = 0.06
         luma[::2, :40] += levels / 255
+        bars.step(luma, 1.0)
+    assert bars.widths == Widths(left=left)
+
+
+@pytest.mark.parametrize(("rows", "left"), [(0.79, 0), (0.81, 40)])
+def test_most_of_the_side_is_an_edge_of_a_bar(rows: float, left: int) -> None:
+    luma = np.full((HEIGHT, WIDTH), 0.06, np.float32)
+    luma[: round(rows * HEIGHT), 40:] = 0.5
+    bars = Bars()
+    for _ in range(12):
         bars.step(luma, 1.0)
     assert bars.widths == Widths(left=left)
 

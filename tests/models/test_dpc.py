@@ -211,6 +211,12 @@ def test_a_displacement_explains_the_changes_of_what_moves_on_as_a_whole() -> No
     assert not_displaced(21, 21) == pytest.approx(2 / 6)  # of each post, 1 of 6 px, twice
     assert not_displaced(0, 0) == pytest.approx(2 * 4 / 20)  # as if they moved down by 4 of 20 px
     assert Photoreceptors((80, 100)).not_displaced((40, 50), 20) == np.inf
+    beyond = np.zeros((80, 100), np.float32)
+    beyond[[19, 60], :] = beyond[:, [29, 70]] = 0.5  # around the square
+    layer = Photoreceptors((80, 100))
+    for luma in (np.zeros_like(beyond), beyond, beyond):
+        layer.step(luma)
+    assert layer.not_displaced((40, 50), 20) == np.inf
 
 
 def test_the_frame_given_may_be_overwritten() -> None:

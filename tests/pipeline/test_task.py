@@ -74,8 +74,15 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
     clip = write_video(folder / "a.avi", grey_frames(5))
     settings = resolve(models=PLACES, height="48", fov="60", measure_rmo=False)
     outputs = Outputs.of(folder, "a", settings.models)
-    run_task(Task(str(clip), settings, outputs))
+    words = ("oppload", "run", "rtsp://me:secret@host/a")
+    run_task(Task(str(clip), settings, outputs, command=words))
     return Task(str(clip), settings, outputs, if_exists=IfExists.SKIP)
+
+
+def test_a_sidecar_holds_no_password(task: Task) -> None:
+    assert task.outputs is not None
+    content = json.loads(task.outputs.sidecar.read_text())
+    assert content["command"] == ["oppload", "run", "rtsp://host/a"]
 
 
 def kept_as(task: Task, folder: Path, change: dict[str, Any]) -> Outcome | None:
