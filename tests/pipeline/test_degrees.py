@@ -103,6 +103,13 @@ def test_images_have_the_rate_and_the_degrees_of_the_ground_truth_beside_their_f
     said = "the rate given is 30 frames/s, but that of the ground truth 85; the given one is used"
     found = [any(said in remark for remark in each["remarks"]) for each in (sidecar, slow)]
     assert found == [False, True]
+    settings = resolve(models=["dlgmd"], measure_rmo=False, height="24")
+    outputs = Outputs.of(tmp_path, "a", settings.models)
+    kept = [
+        run_task(Task(str(folder), settings, outputs, if_exists=IfExists.SKIP)).skipped
+        for _ in range(2)
+    ]
+    assert kept == [False, True]
 
 
 @pytest.mark.parametrize("aspect", [Fraction(1), Fraction(4, 3)])

@@ -121,7 +121,8 @@ def test_dropped_frames_give_a_remark_if_they_are_many_and_a_share(
         def drop(_record: FrameRecord) -> None:
             source.decode.dropped = dropped
 
-        _, sidecar = collected(source, settings, drop, None)
+        _, sidecar = collected(source, settings, drop, {"name": "hit"})
+    assert sidecar["stimulus"] == {"name": "hit"}
     said = f"{dropped} of {frames + dropped} frames were dropped, because they came faster than"
     found = [each for each in sidecar["remarks"] if "dropped" in each]
     assert [each.startswith(said) for each in found] == [True] * told

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from oppload_cli.errors import OutputError
+from oppload_cli.pipeline import task as task_module
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import IfExists, Outcome, Outputs, Task, Writing, exists_already
@@ -58,6 +59,15 @@ def test_a_result_is_kept_if_all_of_its_files_exist(tmp_path: Path) -> None:
         (tmp_path / name).touch()
         with pytest.raises(OutputError, match=rf"{name}: exists already; choose"):
             outputs.kept(IfExists.ERROR)
+
+
+def test_a_table_that_appears_after_the_check_is_not_replaced(tmp_path: Path) -> None:
+    outputs = Outputs.of(tmp_path, "a", PLACES)
+    assert not outputs.kept(IfExists.ERROR)
+    outputs.csv.write_text("theirs")
+    with pytest.raises(OutputError, match=r"a\.frames\.csv: exists already"):
+        outputs.begin(IfExists.ERROR)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["theirs"]
 
 
 def test_an_outcome_has_an_alarm_if_any_detector_has_one() -> None:
@@ -169,6 +179,23 @@ def test_what_has_no_effect_on_a_result_does_not_matter(task: Task, tmp_path: Pa
         kept_as(replace(task, settings=settings), tmp_path, change)
 
 
+def test_detectors_of_ones_own_must_come_from_the_same_files(
+    task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(task_module, "needs_loading", lambda _name: True)
+    assert kept_as(task, tmp_path, {"loaded": None}) is not None  # as before version 1.0
+    with pytest.raises(OutputError, match=r"your own whose files \(--load\) had another content"):
+        kept_as(task, tmp_path, {"loaded": [{"name": "mine.py", "sha256": "0"}]})
+
+
+def test_a_table_that_cannot_be_read_is_named(task: Task, tmp_path: Path) -> None:
+    assert kept_as(task, tmp_path, {}) is not None
+    (tmp_path / "a.frames.csv").unlink()
+    (tmp_path / "a.frames.csv").mkdir()
+    with pytest.raises(OutputError, match=r"a\.frames\.csv: "):
+        exists_already(replace(task, outputs=Outputs.of(tmp_path, "a", PLACES)))
+
+
 def test_the_table_gets_its_name_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """So an old table never lies beside new files, and a complete one beside all of its files."""
     outputs = Outputs.of(tmp_path, "a", PLACES)
@@ -194,3 +221,32 @@ def test_the_table_gets_its_name_last(tmp_path: Path, monkeypatch: pytest.Monkey
     assert seen == [("content", False), ("detections", False)]
     assert outputs.csv.read_text() == "frame\n"
     assert sorted(tmp_path.iterdir()) == sorted(outputs.paths())
+
+
+def test_the_part_files_of_a_writing_are_removed_or_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def writing() -> Writing:
+        outputs = Outputs.of(tmp_path, "a", PLACES)
+        table = outputs.begin(IfExists.ERROR)
+        assert table is not None
+        video: Any = None
+        return Writing(outputs, table, video, ["frame"], PLACES, boxes="all")
+
+    kept = writing()
+    kept.keep()
+    names = [path.name for path in sorted(tmp_path.iterdir())]
+    assert names == ["a.detections.jsonl.part", "a.frames.csv.part"]
+    [detections] = kept._other_files
+    assert isinstance(detections, DetectionsFile)
+    assert detections.stream.closed
+    for path in tmp_path.iterdir():
+        path.unlink()
+
+    def fail(_path: Path) -> None:
+        raise OutputError("full")
+
+    monkeypatch.setattr(task_module, "DetectionsFile", fail)
+    with pytest.raises(OutputError, match="full"):
+        writing()
+    assert list(tmp_path.iterdir()) == []
