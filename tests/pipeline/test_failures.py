@@ -4,22 +4,32 @@ from __future__ import annotations
 
 import shutil
 import sys
-from typing import TYPE_CHECKING
+from contextlib import nullcontext
+from fractions import Fraction
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.errors import OpploadError, OutputError, ParameterError, ShortageError
+from oppload_cli.errors import (
+    DetectorError,
+    OpploadError,
+    OutputError,
+    ParameterError,
+    ShortageError,
+)
 from oppload_cli.pipeline.execute import _threads, collected, run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import open_source
 from oppload_cli.pipeline.task import Interrupted, Outputs, Task
-from oppload_cli.video.frames import WorkingSize
+from oppload_cli.video.frames import DecodeFacts, Frame, FrameTimes, InputFacts, WorkingSize
 from oppload_cli.video.inputs import Position, Span
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from oppload_cli.results.table import FrameRecord
@@ -52,6 +62,7 @@ def test_another_program_sees_each_row_at_once(
     [
         (ValueError("a bug of a detector"), ValueError, False),
         (ZeroDivisionError(), ZeroDivisionError, False),
+        (DetectorError("its units failed"), DetectorError, False),
         (MemoryError(), ShortageError, True),
         (RuntimeError("can't start new thread"), ShortageError, True),
         (OSError(28, "no space left"), OutputError, True),
@@ -152,3 +163,34 @@ def test_opencv_has_its_number_of_threads_back_after_all_runs() -> None:
         assert cv2.getNumThreads() == 2
     finally:
         cv2.setNumThreads(before)
+
+
+class Stopped:
+    """A source that the user stops after some frames."""
+
+    def __init__(self, after: int, kind: str) -> None:
+        self.facts = InputFacts("a", kind, 13, 13, Fraction(30), None)
+        self.working = WorkingSize.of(self.facts, None)
+        self.decode, self.times = DecodeFacts(), FrameTimes(30)
+        self._after = after
+
+    def __iter__(self) -> Iterator[Frame]:
+        for index in range(self._after):
+            yield Frame(index, index / 30, np.zeros((13, 13), np.float32))
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    ("after", "kind", "frames"), [(3, "stream", 3), (0, "stream", None), (3, "container", None)]
+)
+def test_a_live_input_on_standard_output_ends_when_the_user_stops_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int, kind: str, frames: int | None
+) -> None:
+    settings = resolve(models=["dlgmd"], measure_rmo=False, height="13")
+    opening: Any = SimpleNamespace(result=lambda: nullcontext(Stopped(after, kind)))
+    with (tmp_path / "stdout").open("w", newline="") as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        with pytest.raises(KeyboardInterrupt) as caught:
+            run_task(Task("a", settings), opening=opening)
+    outcome = getattr(caught.value, "outcome", None)
+    assert (None if outcome is None else outcome.frames) == frames

@@ -82,17 +82,18 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
     """A task with its result."""
     folder = tmp_path_factory.mktemp("task")
     clip = write_video(folder / "a.avi", grey_frames(5))
-    settings = resolve(models=PLACES, height="48", fov="60", measure_rmo=False)
+    settings = resolve(models=PLACES, height="24", fov="60", measure_rmo=False)
     outputs = Outputs.of(folder, "a", settings.models)
     words = ("oppload", "run", "rtsp://me:secret@host/a")
     run_task(Task(str(clip), settings, outputs, command=words))
     return Task(str(clip), settings, outputs, if_exists=IfExists.SKIP)
 
 
-def test_a_sidecar_holds_no_password(task: Task) -> None:
+def test_a_sidecar_holds_the_working_size_and_no_password(task: Task) -> None:
     assert task.outputs is not None
     content = json.loads(task.outputs.sidecar.read_text())
     assert content["command"] == ["oppload", "run", "rtsp://host/a"]
+    assert content["working"] | {"width": 32, "height": 24} == content["working"]
 
 
 def kept_as(task: Task, folder: Path, change: dict[str, Any]) -> Outcome | None:
@@ -134,8 +135,8 @@ def test_an_outcome_of_a_kept_result_is_that_of_its_run(task: Task, tmp_path: Pa
         ({"input/name": "b.avi"}, "is a result of another input, b.avi; choose --if-exists"),
         ({"models": ["dlgmd", "opplod"]}, "of the models dlgmd, opplod, not opplod, dlgmd"),
         ({"columns": "all"}, "with --columns all, not usual"),
-        ({"height": 60}, "at --height 60, not 48"),
-        ({"height": 0}, "at --height native, not 48"),
+        ({"height": 60}, "at --height 60, not 24"),
+        ({"height": 0}, "at --height native, not 24"),
         ({"measure_rmo": True}, "with radial motion opponency"),
         ({"span/start": "f3"}, "of another part of the input: see --start"),
         ({"preset": "paper", "parameters/alarm/factor": 9}, "of preset paper, not default"),
@@ -159,7 +160,7 @@ def test_a_result_of_another_task_is_named(
 def test_what_has_no_effect_on_a_result_does_not_matter(task: Task, tmp_path: Path) -> None:
     span = Span(parse_position("f3"), parse_position("0.1"))
     written = json.loads(json.dumps(asdict(span), default=str))
-    models: dict[str, Any] = {"models": PLACES, "height": "48", "fov": "60"}
+    models: dict[str, Any] = {"models": PLACES, "height": "24", "fov": "60"}
     floor = resolve(**models, measure_rmo=False, assignments=["alarm.plgmd_floor=9"])
     address = replace(task, name="rtsp://me:secret@host")
     for same, change in (
