@@ -27,8 +27,9 @@ from oppload_cli.errors import FrameError, ParameterError, SourceError
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box, Response
 from oppload_cli.models.frame_difference import FrameDifferenceParams
+from oppload_cli.models.timebase import TimeParams
 from oppload_cli.pipeline.analysis import pass_params
-from oppload_cli.pipeline.one_pass import _in_source
+from oppload_cli.pipeline.one_pass import DetectorPass, _in_source
 from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import WorkingSize
@@ -300,6 +301,15 @@ def test_growth_is_measured_over_an_interval_at_a_high_frame_rate() -> None:
     ]
     assert len(errors) > 30
     assert np.abs(errors).max() < 0.1
+
+
+@pytest.mark.parametrize(("interval", "seconds"), [("frame", 0), ("1/30", 1 / 30), ("0.1", 0.1)])
+def test_growth_is_measured_over_the_interval_of_the_time_base(
+    interval: str, seconds: float
+) -> None:
+    chosen = pass_params(time=TimeParams(interval=interval))
+    detectors = DetectorPass(WorkingSize(32, 24, 1.0, 1.0), Fraction(30), chosen, None)
+    assert detectors._places["opplod"]._places._interval_s == pytest.approx(seconds)
 
 
 def test_boxes_are_in_source_pixels(tmp_path: Path) -> None:
