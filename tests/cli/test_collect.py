@@ -95,10 +95,11 @@ def test_what_was_collected_is_counted(results: Path, tmp_path: Path) -> None:
     assert (done.returncode, len(rows_of(target))) == (0, 1)
 
 
-def test_all_frames_in_one_table(results: Path, tmp_path: Path) -> None:
+def test_all_frames_in_one_table(results: Path, clip: Path, tmp_path: Path) -> None:
     assert oppload("collect", results, "-o", tmp_path / "f.csv", "--frames").returncode == 0
     table = rows_of(tmp_path / "f.csv")
     assert [row["result"] for row in table] == ["loom"] * 24 + ["deep/loom"] * 10
+    assert {row["input"] for row in table} == {str(clip)}
     for row, own in zip(table[:24], rows_of(results / "loom.frames.csv"), strict=True):
         assert {**row, **own} == row
     assert table[30]["opplod_response"] == table[30]["rmo_index"] == ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from oppload_cli.stimulus.catalogue import load
 from oppload_cli.stimulus.files import write
 from oppload_cli.video.frames import WorkingSize
 from oppload_cli.video.optics import Optics
-from tests.media import grey_frames
+from tests.media import grey_frames, write_video
 from tests.results.make import rows_of
 
 if TYPE_CHECKING:
@@ -164,6 +165,23 @@ def test_without_a_field_of_view_nothing_is_in_degrees(stimulus: Path, tmp_path:
     rows, sidecar = done(alone, tmp_path / "a")
     assert sidecar["field_of_view"] is None
     assert not [name for name in rows[0] if name.endswith("_deg")]
+
+
+def test_a_field_of_view_alone_gives_degrees(tmp_path: Path) -> None:
+    """Of 64 x 50 px at 60 degrees, seen at 154 x 120; the focal length is 32 px / tan(30 deg)."""
+    video = write_video(tmp_path / "a.avi", grey_frames(5, width=64, height=50))
+    rows, sidecar = done(video, tmp_path / "a", fov="60", assignments=["opplod.receptive_field=30"])
+    assert {name for name in rows[0] if name.endswith("_deg")} >= {"opplod_azimuth_deg"}
+    view, focal = sidecar["field_of_view"], 32 / math.tan(math.radians(30))
+    assert (view["horizontal_deg"], view["vertical_deg"]) == pytest.approx(
+        (60, 2 * math.degrees(math.atan(25 / focal)))
+    )
+    size = view["sizes_deg"]["opplod.receptive_field"]
+    assert size == pytest.approx(2 * math.degrees(math.atan(15 * 50 / 120 / focal)))
+    speed = sidecar["working"]["source_px_per_s_at_1_px_per_frame"]
+    assert speed == pytest.approx(30 * 64 / 154)
+    per_s = 5 / sidecar["wall_s"]
+    assert sidecar["frames_per_s"] == pytest.approx(per_s, rel=0.05, abs=0.06)  # both are rounded
 
 
 def test_a_result_in_other_degrees_is_not_kept(stimulus: Path, tmp_path: Path) -> None:
