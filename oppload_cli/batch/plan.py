@@ -114,7 +114,7 @@ def planned(named: Iterable[str | Input | Failure], *, recursive: bool = False) 
     """
     stems: dict[str, str] = {}
     failures: list[Failure] = []
-    for entry in dict.fromkeys(named):
+    for entry in named:
         if isinstance(entry, Failure):
             failures.append(entry)
             continue

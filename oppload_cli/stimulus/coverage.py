@@ -34,7 +34,7 @@ class Window:
         """Return the pixels of the display that the box between two corners (x, y) touches."""
         left, top = np.clip(np.floor(low), 0, (width, height)).astype(int).tolist()
         right, bottom = np.clip(np.ceil(high), 0, (width, height)).astype(int).tolist()
-        return cls(top, max(bottom, top), left, max(right, left))
+        return cls(top, bottom, left, right)
 
     @property
     def shape(self) -> tuple[int, int]:
