@@ -379,7 +379,6 @@
   }
 
   function drawCharts() {
-    const none = () => {};
     const over = data.curves.filter((curve) => curve.thresholded);
     const others = data.curves.filter((curve) => !curve.thresholded);
     const contact = (u, label = "") => {
