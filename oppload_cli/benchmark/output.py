@@ -12,7 +12,7 @@ from matplotlib.colors import LogNorm
 from oppload_cli.benchmark.battery import CONTROL, LOOMING, TABLES, BatteryTable, Shown
 from oppload_cli.environment import environment
 from oppload_cli.errors import OutputError
-from oppload_cli.evaluation.detectors import EvaluatedDetector, label_of
+from oppload_cli.evaluation.detectors import EvaluatedDetector, full_label
 from oppload_cli.evaluation.page import number
 from oppload_cli.files.atomic import output_errors, remove, write_atomic
 from oppload_cli.files.html import embedded, rendered
@@ -247,7 +247,7 @@ def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
                         color="black" if bright else "white", fillstyle=fill,
                     )  # fmt: skip
         axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor")
-        axes.set_yticks(range(len(names)), [plain(label_of(name)) for name in names])
+        axes.set_yticks(range(len(names)), [plain(full_label(name)) for name in names])
         axes.set_xlabel(table.axis)
         axes.set_title(
             f"{table.title}\nshades: response divided by that to the looming disk\n"
@@ -300,6 +300,6 @@ def _page(
         tables=[(table, embedded(pictures[table.name])) for table in benchmark.tables],
         clips=clips if values else {},
         detectors=benchmark.detectors,
-        label_of=label_of,
+        full_label=full_label,
         number=number,
     )

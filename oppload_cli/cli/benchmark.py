@@ -54,9 +54,9 @@ def benchmark(
     settings, and a file per stimulus in stimuli/. If you stop a benchmark and give the same
     command again, it reads these files and goes on.
     """
-    chosen = options.names_in(only)
+    chosen = options.listed_names(only)
     columns = columns_of(chosen)
-    detectors = chosen_detectors(options.names_in(models))
+    detectors = chosen_detectors(options.listed_names(models))
     tables = [table.name for table in TABLES if table.name in chosen or not chosen]
     settings = settings_of(detectors, tables, manifest)
     read = read_manifest(manifest) if manifest else None

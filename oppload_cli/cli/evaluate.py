@@ -99,7 +99,7 @@ def evaluate(
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
 
     chosen = detectors.evaluated_detectors(
-        options.names_in(models), repeats, assignments, config=config, height=height
+        options.listed_names(models), repeats, assignments, config=config, height=height
     )
     read = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)

@@ -148,7 +148,7 @@ def complete_stimuli(_: click.Context, __: click.Parameter, text: str) -> list[C
     return [CompletionItem(name) for name in found] or [CompletionItem(text, type="file")]
 
 
-def names_in(texts: Iterable[str]) -> list[str]:
+def listed_names(texts: Iterable[str]) -> list[str]:
     """Return the names in the values of an option, each of which may be a list ``A,B``."""
     return [name.strip() for text in texts for name in text.split(",")]
 
@@ -161,7 +161,7 @@ def check_models(names: Iterable[str], command: str) -> None:
     from oppload_cli.models.registry import ALL, known_names
 
     known = known_names()
-    for each in names_in(names):
+    for each in listed_names(names):
         name = each.partition(":")[0]
         if name != ALL and name not in known:
             raise ParameterError(

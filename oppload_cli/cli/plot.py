@@ -127,7 +127,7 @@ def plot(
 
     if output is not None:
         style.check_suffix(output)
-    chosen["models"] = options.names_in(chosen["models"])
+    chosen["models"] = options.listed_names(chosen["models"])
     options.check_models(chosen["models"], "plot")
     for model in chosen["models"]:
         detector_named(model)  # refuses NAME:PRESET too

@@ -53,7 +53,7 @@ def reproduce(
     if listed:
         click.echo("\n".join(FIGURES))
         return
-    names = chosen(options.names_in(only))
+    names = chosen(options.listed_names(only))
     targets = [f"{name}.{suffix}" for name in names for suffix in (form, "csv")]
     targets += ["report.json", "index.html"]
     refuse_existing((output / name for name in targets), if_exists)

@@ -176,7 +176,7 @@ def _evaluated(full_name: str, **options: Any) -> EvaluatedDetector:
     )
 
 
-def label_of(full_name: str) -> str:
+def full_label(full_name: str) -> str:
     """Return the name of an evaluated detector in pages and figures, e.g. ``OppLoD default``."""
     name, _, preset = full_name.partition(":")
     label = detectors()[name].label if name in detectors() else name.replace("_", " ")

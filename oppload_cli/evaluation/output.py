@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.environment import environment
-from oppload_cli.evaluation.detectors import label_of
+from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, HELD_OUT, RATES, SHIPPED, SILENCE_S
 from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S, Clip, Window
 from oppload_cli.evaluation.metrics.intervals import LEVEL, RULE_OF_THREE, SEED, Measurement
@@ -105,7 +105,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
         "1 per minute, these clips": AT_ONE,
         "1 per minute, held out": f"{HELD_OUT} {AT_ONE}",
     }
-    wide = max(map(len, [*rules, *(label_of(each.name) for each in evaluation.detectors)]))
+    wide = max(map(len, [*rules, *(full_label(each.name) for each in evaluation.detectors)]))
     for title, condition in rules.items():
         yield f"{title:<{wide}}  {'detected':<24}{'lead (s)':<10}false alarms per minute"
         for each in evaluation.detectors:
@@ -117,7 +117,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
             if rate and rate.n:
                 detected = f"{rate.value * rate.n:.0f} of {rate.n}{_interval(rate)}"
             yield (
-                f"{label_of(each.name):<{wide}}  {detected:<24}"
+                f"{full_label(each.name):<{wide}}  {detected:<24}"
                 f"{_value(lead):<10}{_value(false)}{_interval(false)}"
             )
     yield (
@@ -150,7 +150,7 @@ def _by_kind(
         return
     yield "share of clips with a false alarm, at 1 per minute"
     width = max(map(len, kinds))
-    labels = {each.name: label_of(each.name) for each in evaluation.detectors}
+    labels = {each.name: full_label(each.name) for each in evaluation.detectors}
     yield "  ".join([" " * width, *labels.values()])
     for kind in kinds:
         cells = [

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import SourceError
-from oppload_cli.evaluation.detectors import label_of
+from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE
 from oppload_cli.evaluation.plots import PLOTS
 from oppload_cli.files.html import embedded, rendered
@@ -89,7 +89,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         conditions=CONDITIONS,
         measures=MEASURES,
         intervals=INTERVALS,
-        label_of=label_of,
+        full_label=full_label,
         number=number,
         nothing=NO_VALUE,
         strip_size=(_WIDTH, _HEIGHT),
@@ -113,7 +113,7 @@ def number(value: float | None) -> str:
 def _stills(evaluation: Evaluation) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield titles with stills, for each detector with units: misses, then false alarms."""
     groups = [
-        (f"{title}: {label_of(name)}", name, moments)
+        (f"{title}: {full_label(name)}", name, moments)
         for name in evaluation.performances
         if any(clip.outputs[name].winner is not None for clip in evaluation.clips)
         for title, moments in _worst_of(evaluation, name).items()

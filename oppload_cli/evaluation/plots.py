@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oppload_cli.errors import counted
-from oppload_cli.evaluation.detectors import label_of
+from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, RATES
 from oppload_cli.evaluation.metrics.clips import AHEAD
 from oppload_cli.models.presets import DEFAULT_PRESET
@@ -172,7 +172,7 @@ def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
 def _looks(performances: Performances) -> Iterator[tuple[Performance, dict[str, Any]]]:
     """Yield each performance with the label, colour and dashes of its line."""
     for index, (name, each) in enumerate(performances.items()):
-        look = {"label": plain(label_of(name)), "color": _colour_of(name), "lw": 1.2}
+        look = {"label": plain(full_label(name)), "color": _colour_of(name), "lw": 1.2}
         yield each, {**look, "ls": DASHES[index % len(DASHES)]}
 
 

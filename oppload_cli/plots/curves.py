@@ -135,7 +135,7 @@ def plot_curves(
                 f"({len(results)})"
             )
     options = CurveOptions(
-        style.names_in(models), scale, align, xlim, title, tuple(labels), dict(marks or {}),
+        style.as_names(models), scale, align, xlim, title, tuple(labels), dict(marks or {}),
         threshold, any_length,
     )  # fmt: skip
     panels = panels_of(results, options)

@@ -188,7 +188,7 @@ def check_drawn(drawn: object, kind: type) -> None:
         )
 
 
-def names_in(models: Sequence[str]) -> tuple[str, ...]:
+def as_names(models: Sequence[str]) -> tuple[str, ...]:
     """Return the names of detectors; a text is one name, not a sequence of letters."""
     return (models,) if isinstance(models, str) else tuple(models)
 

@@ -99,7 +99,7 @@ def plot_tuning(
     >>> panel.get_xlabel()
     'speed (deg/s)'
     """
-    tunings, models = style.as_list(tunings, Tuning), style.names_in(models)
+    tunings, models = style.as_list(tunings, Tuning), style.as_names(models)
     names = labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(
