@@ -291,16 +291,18 @@ class Interpolation:
         before, self._before = self._before, luma
         if before is None:
             self._search = inverse_search(luma.shape, cv2.DISOPTICAL_FLOW_PRESET_FAST)
+            self._flow = np.zeros((*luma.shape, 2), np.float32)
+            self._places = np.mgrid[: luma.shape[0], : luma.shape[1]].astype(np.float32)
         count = int(intervals + _ROUNDED_UP) if intervals < _MOST_INTERVALS + 1 - _ROUNDED_UP else 1
         if before is None or count < 2 or min(luma.shape) < SHORTEST_SIDE or not self._kinds:
             return
-        flow = np.zeros((*luma.shape, 2), np.float32)
         first, second = (_grey_levels(each) for each in (before, luma))
-        self._search.calc(first, second, flow)
-        y, x = np.mgrid[: luma.shape[0], : luma.shape[1]].astype(np.float32)
+        self._flow[:] = 0  # where the search begins
+        self._search.calc(first, second, self._flow)
+        y, x = self._places
 
         def shifted(frame: Luma, passed: float) -> Luma:
-            dx, dy = np.float32(passed) * flow[..., 0], np.float32(passed) * flow[..., 1]
+            dx, dy = (np.float32(passed) * each for each in cv2.split(self._flow))
             picture = cv2.remap(
                 frame, x + dx, y + dy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
             )
