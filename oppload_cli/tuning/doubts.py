@@ -37,7 +37,7 @@ def doubts_about(
 ) -> Iterator[Doubt]:
     """Yield the detectors whose curves over a sweep mean little, with the reasons.
 
-    The arguments are those of :func:`oppload_cli.tuning.run.tune` and its result.
+    `conditions` is what :func:`oppload_cli.tuning.run.tune` returned for the other arguments.
     """
     protocols, settings = sweep.entry.protocols(), sweep.settings
     if not indicator_s:  # an indicator makes each peak smaller, and the floors do not regard it
