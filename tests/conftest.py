@@ -37,16 +37,12 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Read the tests without the garbage collector, which would take two fifths of the time.
-
-    What was read stays until the end, so later collections have no need to walk through it.
-    """
+    """Read the tests without the garbage collector, which would take two fifths of the time."""
     gc.disable()
     try:
         return (yield)
     finally:
         gc.enable()
-        gc.freeze()
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow

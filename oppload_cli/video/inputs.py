@@ -199,7 +199,7 @@ def _single_inputs(name: str) -> list[str]:
     """
     path = Path(name)
     try:
-        if not path.is_dir():
+        if not is_folder(name):
             return [name]
         # Some systems put a hidden file with the same suffix beside each video.
         files = sorted(e for e in path.iterdir() if not e.name.startswith(".") and e.is_file())

@@ -7,12 +7,14 @@ import os
 import subprocess
 import sys
 import time
+import warnings
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
 HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib", "difflib", "traceback")  # slow to load
 ENTRY = "from oppload_cli.__main__ import entry; entry()"  # the code of the installed script
@@ -51,6 +53,38 @@ def start(*arguments: str | Path, code: str = ENTRY) -> subprocess.Popen[str]:
     """Start the command, or other code, and do not wait until it ends."""
     words = [sys.executable, "-c", code, *map(str, arguments)]
     return subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+
+
+@contextmanager
+def at_terminal(*arguments: str | Path) -> Iterator[tuple[int, int]]:
+    """Start the command at a terminal of its own, of 120 columns.
+
+    Yield the number of its process, and the terminal as an open file.
+    """
+    import pty  # not on Windows
+    import termios
+
+    with warnings.catch_warnings():  # the new process only starts a program, so threads do no harm
+        warnings.filterwarnings("ignore", ".*multi-threaded", DeprecationWarning)
+        child, terminal = pty.fork()
+    if child == 0:
+        os.execv(  # noqa: S606
+            sys.executable, [sys.executable, "-c", ENTRY, *map(str, arguments)]
+        )
+    termios.tcsetwinsize(terminal, (24, 120))
+    try:
+        yield child, terminal
+    finally:
+        os.close(terminal)
+
+
+def shown_at(terminal: int) -> str:
+    """Return what a command prints at a terminal until it ends."""
+    shown = b""
+    with suppress(OSError):  # Linux: the command has ended
+        while chunk := os.read(terminal, 4096):
+            shown += chunk
+    return shown.decode()
 
 
 def wait_for_rows(run: subprocess.Popen[str], part: Path) -> None:

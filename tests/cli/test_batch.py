@@ -94,30 +94,6 @@ def test_a_batch_gives_the_bytes_of_a_run(clips: Path, one_by_one: Path, tmp_pat
     assert tables(tmp_path).items() <= tables(one_by_one).items()
 
 
-def at_a_terminal(*arguments: str) -> str:
-    """What the command prints at a terminal of 120 columns."""
-    import pty
-    import termios
-
-    child, terminal = pty.fork()
-    if child == 0:
-        command = [sys.executable, "-m", "oppload_cli", *arguments]
-        os.execv(sys.executable, command)  # noqa: S606
-    termios.tcsetwinsize(terminal, (24, 120))
-    shown = b""
-    while True:
-        try:
-            chunk = os.read(terminal, 4096)
-        except OSError:
-            break
-        if not chunk:
-            break
-        shown += chunk
-    os.waitpid(child, 0)
-    os.close(terminal)
-    return shown.decode()
-
-
 def test_two_processes_give_the_bytes_of_one_and_a_bar_that_names_their_inputs(
     clips: Path, one_by_one: Path, tmp_path: Path
 ) -> None:
@@ -125,7 +101,9 @@ def test_two_processes_give_the_bytes_of_one_and_a_bar_that_names_their_inputs(
     if sys.platform == "win32":  # no pseudo-terminals
         said = process.oppload(*words).stderr
     else:
-        said = at_a_terminal(*words)
+        with process.at_terminal(*words) as (child, terminal):
+            said = process.shown_at(terminal)
+            os.waitpid(child, 0)
         assert "/12 [" in said
         assert " frames/s, clip" in said
     same_results(tmp_path, one_by_one)

@@ -278,7 +278,7 @@ def test_files_without_permission(clip: Path, tmp_path: Path) -> None:
     secret.write_bytes(clip.read_bytes())
     secret.chmod(0)
     closed.mkdir(mode=0)
-    names = [secret, closed / "a.avi", closed / "a_%d.png", closed]
+    names = [secret, closed / "a.avi", closed / "b_%d.png", closed]
     done = without_privilege(
         ("plot", closed / "a.avi"),
         ("--load", closed / "a.py", "models"),

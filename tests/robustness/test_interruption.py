@@ -19,7 +19,7 @@ import pytest
 from oppload_cli.errors import OpploadError, ResultError
 from oppload_cli.results.reading import read_result
 from tests.cli.inside import oppload
-from tests.cli.process import ENTRY, start, wait_for_rows
+from tests.cli.process import ENTRY, at_terminal, shown_at, start, wait_for_rows
 from tests.media import grey_frames, write_film, write_video
 from tools.attack.judge import adopt_orphans, faults, prepared
 
@@ -182,37 +182,22 @@ def test_an_input_that_never_answers_is_interrupted(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 def test_the_terminal_is_left_as_it_was(film: Path, tmp_path: Path) -> None:
-    import pty
     import termios
 
-    child, terminal = pty.fork()
-    if child == 0:
-        os.execv(  # noqa: S606
-            sys.executable,
-            [sys.executable, "-c", ENTRY, "run", str(film), "-o", str(tmp_path), *SIZE],
-        )
-    before = termios.tcgetattr(terminal)
-    part = tmp_path / "film.frames.csv.part"
-    shown = b""
-    while not part.exists() or part.stat().st_size < 400:
-        time.sleep(0.01)
-    os.write(terminal, b"\x03")  # as the key itself does
-    while True:
-        try:
-            chunk = os.read(terminal, 4096)
-        except OSError:  # it has gone
-            break
-        if not chunk:
-            break
-        shown += chunk
-    _, status = os.waitpid(child, 0)
-    assert os.waitstatus_to_exitcode(status) == 130
-    assert termios.tcgetattr(terminal) == before
-    os.close(terminal)
-    assert shown.endswith(b"\r\n")
-    last = shown.decode().rstrip().splitlines()[-1]
+    with at_terminal("run", film, "-o", tmp_path, *SIZE) as (child, terminal):
+        before = termios.tcgetattr(terminal)
+        part = tmp_path / "film.frames.csv.part"
+        while not part.exists() or part.stat().st_size < 400:
+            time.sleep(0.01)
+        os.write(terminal, b"\x03")  # as the key itself does
+        shown = shown_at(terminal)
+        _, status = os.waitpid(child, 0)
+        assert os.waitstatus_to_exitcode(status) == 130
+        assert termios.tcgetattr(terminal) == before
+    assert shown.endswith("\r\n")
+    last = shown.rstrip().splitlines()[-1]
     assert last.startswith("oppload: interrupted: the first")
-    assert b"\x1b[?25l" not in shown or b"\x1b[?25h" in shown  # a cursor that was hidden is back
+    assert "\x1b[?25l" not in shown or "\x1b[?25h" in shown  # a cursor that was hidden is back
 
 
 @pytest.mark.slow
