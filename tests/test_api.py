@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from fractions import Fraction
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -14,14 +15,13 @@ import pandas as pd
 import pytest
 
 import oppload_cli as oppload
-from oppload_cli.errors import OutputError, ParameterError, ResultError, SourceError
+from oppload_cli.errors import OutputError, ParameterError, ResultError, SourceError, StimulusError
 from oppload_cli.results.table import columns_for
 from tests.cli import inside
 from tests.media import grey_frames, looming, texture, write_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
 FRAMES = [(frame * 255).round().astype(np.uint8) for frame in looming(120, 60, 60, 14)]
 NATIVE: dict[str, Any] = {"height": "native", "preset": "reference"}
@@ -235,6 +235,25 @@ def test_a_record_has_the_same_columns_in_every_frame() -> None:
         assert values[0]["opplod_alarm"] is False
 
 
+def test_a_stimulus_of_a_file_is_a_source(tmp_path: Path) -> None:
+    own = tmp_path / "mine.toml"
+    table = next(e.path for e in oppload.stimulus.entries() if e.name == "controls/looming-ring")
+    own.write_bytes(table.read_bytes())
+    with oppload.open_source("controls/looming-ring", height=60) as frames:
+        expected = [(each.time_s, each.luma.tobytes()) for each in frames]
+    for source in (own, str(own)):
+        with oppload.open_source(source, height=60) as frames:
+            assert frames.facts.name == "mine"
+            assert [(each.time_s, each.luma.tobytes()) for each in frames] == expected
+    with pytest.raises(StimulusError, match="no member 'ring'"):
+        oppload.run(f"{own}/ring")
+    own.write_text("no = 1")
+    with pytest.raises(StimulusError, match=r"mine\.toml: "):
+        next(oppload.analyse(own))
+    with pytest.raises(StimulusError, match=r"none\.toml: cannot be read"):
+        oppload.run(tmp_path / "none.toml")
+
+
 def test_open_sources_and_an_analysis_describe_themselves(tmp_path: Path) -> None:
     video = write_video(tmp_path / "a.avi", FRAMES)
     with oppload.open_video(video, height=30) as opened:
@@ -242,7 +261,7 @@ def test_open_sources_and_an_analysis_describe_themselves(tmp_path: Path) -> Non
         assert opened.decode.decoded == 0
     with oppload.open_source(np.stack(FRAMES), times=range(len(FRAMES)), height=60) as frames:
         assert repr(frames) == "ArrayVideo('array', 120 x 120 at 1 frames/s, seen at 60 x 60)"
-    with oppload.open_source("controls/size-steps") as frames:
+    with oppload.open_source(Path("controls/size-steps")) as frames:
         assert repr(frames).startswith("StimulusVideo('controls/size-steps', 360 x 360 at ")
     analysis = oppload.Analysis((60, 80), [oppload.parameters_of("dlgmd")])
     size = "80 x 60, seen at 320 x 240, preset default, dlgmd"

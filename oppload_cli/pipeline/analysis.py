@@ -292,6 +292,8 @@ def analyse(
     ------
     SourceError
         If nothing can be read from the source.
+    StimulusError
+        If the stimulus of a TOML file is not valid, or if the file has several.
     ParameterError
         If a name or a value is wrong.
 

@@ -250,10 +250,11 @@ def open_source(
     Parameters
     ----------
     source : str, Path, FrameSource, Protocol or array
-        A video file, a folder or pattern of images, ``camera:0`` or a stream; the name of a
-        stimulus of the catalogue; an open video, which is not closed; a stimulus; or an array. An
-        array has the shape (frames, height, width), or (frames, height, width, 3) with red, green
-        and blue, and is uint8 or uint16 over its full range, or float from 0 (black) to 1 (white).
+        A video file, a folder or pattern of images, ``camera:0`` or a stream; the TOML file of a
+        stimulus, or the name of one in the catalogue; an open video, which is not closed; a
+        stimulus; or an array. An array has the shape (frames, height, width), or (frames, height,
+        width, 3) with red, green and blue, and is uint8 or uint16 over its full range, or float
+        from 0 (black) to 1 (white).
     rate : float or Fraction, optional
         Frames per second of an array, or of images (30 if left out). Other sources have a rate.
     times : sequence of float, optional
@@ -273,6 +274,8 @@ def open_source(
     ------
     SourceError
         If nothing can be read from the source.
+    StimulusError
+        If the stimulus of a TOML file is not valid, or if the file has several.
     ParameterError
         If the height, the preset or the rate is wrong, if an array has neither rate nor times, or
         if times are given for another source than an array.
@@ -287,8 +290,8 @@ def open_source(
     102
     """
     size = parse_height(preset_named(preset).height if height is None else height)
-    if isinstance(source, str) and _is_stimulus(source):
-        source = stimulus.load(source)
+    if isinstance(source, str | Path) and _is_stimulus(str(source)):
+        source = stimulus.load(str(source))
     is_array = isinstance(source, np.ndarray | list | tuple)
     if isinstance(source, list | tuple) and source and isinstance(source[0], str | Path):
         raise SourceError("a list of names is no source of frames; take one name after the other")
@@ -323,7 +326,9 @@ def open_source(
 
 
 def _is_stimulus(name: str) -> bool:
-    """Return whether a name is in the catalogue of stimuli, and no file has this name."""
+    """Return whether a name is that of a TOML file, or one in the catalogue that no file has."""
+    if name.endswith(".toml") or ".toml/" in name:
+        return True
     if not name or is_there(name):
         return False
     known = (entry.name for entry in stimulus.entries())
