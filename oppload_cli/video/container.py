@@ -77,6 +77,8 @@ _JUMP_S = 1.0  # of the time where two transport streams were joined
 # which are wrong for H.264 with B-frames or gaps. But each decoded frame also carries the decode
 # time of the last packet that it needed. These times increase by the durations of the frames.
 _DECODE_TIMES = {"avi", "mxf"}
+# MPEG-4 does not code a picture that equals the one before, and gives no frame for its few bytes.
+_NOT_CODED_BYTES = 19  # at most, as FFmpeg has it
 _HELD_BACK = 4  # most frames by which video codecs change the order of frames in practice
 # Decoders that log errors for intact files too, with the beginnings of those errors that mean
 # damage. H.264 logs errors for streams of cameras, but marks the frames that it conceals. MJPEG
@@ -104,6 +106,7 @@ class ContainerSource(PictureSource):
         self.name = name
         self._read_to = 0  # position of the byte after the last packet
         self._errors = 0  # number of errors that decoders have logged in this process
+        self._not_coded = 0  # number of declared frames without a picture of their own
         self._remote = "://" in name
         self._only_once = self._remote or not is_file(name)  # a stream or a pipe
         self._arrived_s = 0.0  # when the latest packet came
@@ -188,7 +191,7 @@ class ContainerSource(PictureSource):
     def _missing(self) -> int:
         declared = declared_frames(self._stream) or self.facts.frames_declared
         if declared is not None:
-            return max(0, declared - self.decode.decoded)
+            return max(0, declared - self._not_coded - self.decode.decoded)
         end = declared_end(self._container, self._stream)
         first, base = self._first.pts, self._stream.time_base
         if not self.facts.frame_rate or end is None or first is None or base is None:
@@ -336,7 +339,7 @@ class ContainerSource(PictureSource):
     def _start_again(self) -> None:
         container = self._opened()
         stream = self._video_stream(container)
-        self.decode.failures = self.decode.corrupt = 0
+        self.decode.failures = self.decode.corrupt = self._not_coded = 0
         self.decode.messages.clear()
         self._careful = True
         self.close()
@@ -376,6 +379,8 @@ class ContainerSource(PictureSource):
             logged = self._logged_error()
             if logged and frames is not None:
                 self.decode.failed(logged)
+            if frames == [] and self._codec == "mpeg4" and packet is not None:
+                self._not_coded += 0 < packet.size <= _NOT_CODED_BYTES
             for frame in frames or ():
                 luma = self._attempt(partial(_checked_luma, frame))
                 if luma is not None:

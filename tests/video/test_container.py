@@ -446,6 +446,34 @@ def test_frames_that_never_came_are_counted(tmp_path: Path, kept: int, note: str
         assert video.decode.messages == [note]
 
 
+def test_pictures_that_mpeg4_does_not_code_are_not_missing(tmp_path: Path) -> None:
+    coded = write_video(
+        tmp_path / "coded.mp4", grey_frames(8), codec="mpeg4", pixel_format="yuv420p"
+    )
+    path = tmp_path / "a.mp4"
+    with av.open(coded) as source, av.open(path, "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for index, packet in enumerate(source.demux(video=0)):
+            if not packet.size:
+                continue
+            short = packet
+            if index in {2, 3, 6}:
+                # Predicted (01), the same second (0), 1, frame of the second, 1, not coded (0).
+                bits = f"0101{index:05b}10".ljust(16, "1")
+                short = av.Packet(b"\0\0\1\xb6" + int(bits, 2).to_bytes(2))
+                short.pts, short.dts, short.time_base = packet.pts, packet.dts, packet.time_base
+            short.stream = stream
+            target.mux(short)
+    with open_video(path) as video:
+        assert [round(30 * frame.time_s) for frame in video] == [0, 1, 4, 5, 7]
+        assert video.facts.frames_declared == 8
+        assert video.decode.complete
+    several = ContainerSource(str(path), threads=4)
+    assert len(list(several.pictures())) == 5
+    several.finish()
+    assert several.decode.complete
+
+
 @pytest.mark.parametrize(
     ("codec", "size", "cores", "threads", "expected"),
     [
