@@ -107,6 +107,7 @@ class ContainerSource(PictureSource):
         self._read_to = 0  # position of the byte after the last packet
         self._errors = 0  # number of errors that decoders have logged in this process
         self._not_coded = 0  # number of declared frames without a picture of their own
+        self._same_times = True  # whether all packets so far are presented when they are decoded
         self._remote = "://" in name
         self._only_once = self._remote or not is_file(name)  # a stream or a pipe
         self._arrived_s = 0.0  # when the latest packet came
@@ -434,6 +435,7 @@ class ContainerSource(PictureSource):
                 errors = 0
                 self._arrived_s = perf_counter()  # `monotonic` has steps of 16 ms on Windows
                 stalled = self._stalled(asked_s)
+                self._same_times &= not packet.size or packet.pts == packet.dts
                 if packet.pos is not None:
                     self._read_to = max(self._read_to, packet.pos + packet.size)
                 reordered = self._stream.codec_context.has_b_frames
@@ -488,7 +490,11 @@ class ContainerSource(PictureSource):
 
     def _clock(self, frame: VideoFrame) -> int | None:
         """Return the time of a frame in ticks of the file; None if it has no time."""
-        return frame.dts if self._container.format.name in _DECODE_TIMES else frame.pts
+        # Some programs write decode times as the presentation times of B-frames, too.
+        only_decode_times = self._same_times and self._stream.codec_context.has_b_frames
+        if only_decode_times or self._container.format.name in _DECODE_TIMES:
+            return frame.dts
+        return frame.pts
 
     def _facts(self) -> InputFacts:
         frame, stream = self._first, self._stream

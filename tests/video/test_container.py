@@ -446,6 +446,28 @@ def test_frames_that_never_came_are_counted(tmp_path: Path, kept: int, note: str
         assert video.decode.messages == [note]
 
 
+@pytest.mark.parametrize("threads", [1, 4])
+def test_decode_times_that_are_written_as_presentation_times(tmp_path: Path, threads: int) -> None:
+    right = write_video(
+        tmp_path / "right.mp4", grey_frames(30), codec="libx264", pixel_format="yuv420p"
+    )
+    wrong = tmp_path / "wrong.mp4"
+    with av.open(right) as source, av.open(wrong, "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        packets = [packet for packet in source.demux(video=0) if packet.size]
+        ticks = packets[-1].duration or 1
+        for index, packet in enumerate(packets):
+            packet.pts = packet.dts = index * ticks
+            packet.stream = stream
+            target.mux(packet)
+    expected = ContainerSource(str(right), threads)
+    found = ContainerSource(str(wrong), threads)
+    assert found._stream.codec_context.has_b_frames
+    for one, other in zip(expected.pictures(), found.pictures(), strict=True):
+        assert other.time_s == pytest.approx(one.time_s, abs=1e-4)
+        np.testing.assert_array_equal(one.plane, other.plane)
+
+
 def test_pictures_that_mpeg4_does_not_code_are_not_missing(tmp_path: Path) -> None:
     coded = write_video(
         tmp_path / "coded.mp4", grey_frames(8), codec="mpeg4", pixel_format="yuv420p"
@@ -456,7 +478,7 @@ def test_pictures_that_mpeg4_does_not_code_are_not_missing(tmp_path: Path) -> No
         for index, packet in enumerate(source.demux(video=0)):
             if not packet.size:
                 continue
-            short = packet
+            short: Any = packet
             if index in {2, 3, 6}:
                 # Predicted (01), the same second (0), 1, frame of the second, 1, not coded (0).
                 bits = f"0101{index:05b}10".ljust(16, "1")
