@@ -17,13 +17,14 @@ import numpy as np
 
 from oppload_cli.errors import OpploadError, OutputError, StimulusError, suggestion
 from oppload_cli.files.atomic import remove, write_atomic
+from oppload_cli.files.reading import is_file
 from oppload_cli.processes import cores
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.stimulus.catalogue import find
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.truth import ground_truth_text, read_ground_truth
 from oppload_cli.video.inputs import GROUND_TRUTH
-from oppload_cli.video.writers import FORMATS, open_writer, png_bytes
+from oppload_cli.video.writers import FORMATS, IMAGE, open_writer, png_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -162,8 +163,9 @@ def not_made_yet(
     Raises
     ------
     OutputError
-        If a file exists and `if_exists` is ``error``; or if it is ``skip``, and the existing files
-        were made from another protocol.
+        If a file exists and `if_exists` is ``error``; if it is ``skip``, and the existing files
+        were made from another protocol; or if the video of another protocol in another format would
+        get the new ground truth.
     """
     wanted = []
     for protocol in protocols:
@@ -174,15 +176,20 @@ def not_made_yet(
                 f"{old[0]}: exists already; choose --if-exists overwrite or skip, or another "
                 "--output"
             )
-        if len(old) < 2 or if_exists == "overwrite":
-            wanted.append(protocol)
-            continue
-        difference = _difference(truth, protocol)
-        if difference:
+        difference = _difference(truth, protocol) if truth in old else ""
+        others = _in_other_formats(protocol, directory, form) if difference else []
+        if others:
             raise OutputError(
-                f"{video}: exists already, {difference}; choose --if-exists overwrite, or "
+                f"{others[0]}: exists already, {difference}, and its ground truth would be "
+                "replaced; remove it, or choose another --output"
+            )
+        if difference and if_exists == "skip":
+            raise OutputError(
+                f"{old[0]}: exists already, {difference}; choose --if-exists overwrite, or "
                 "another --output"
             )
+        if len(old) < 2 or if_exists == "overwrite":
+            wanted.append(protocol)
     return wanted
 
 
@@ -190,6 +197,13 @@ def _paths(protocol: Protocol, directory: Path, form: str) -> tuple[Path, Path]:
     """Return the paths of a stimulus's video and of its ground truth."""
     stem = file_stem(protocol.name)
     return directory / f"{stem}{FORMATS[form].suffix}", directory / f"{stem}{GROUND_TRUTH}"
+
+
+def _in_other_formats(protocol: Protocol, directory: Path, form: str) -> list[Path]:
+    """Return the videos of a stimulus in other formats that share its ground truth."""
+    paths = [_paths(protocol, directory, each)[0] for each in FORMATS if each != form]
+    # A folder of this name may hold anything else, such as results.
+    return [path for path in paths if is_file(path) or is_file(path / IMAGE.format(0))]
 
 
 def _difference(truth: Path, protocol: Protocol) -> str:

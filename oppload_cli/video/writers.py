@@ -261,6 +261,7 @@ FORMATS = {
     "npz": _Format(".npz"),
     "gif": _Format(".gif", fastest_hz=50.0),  # frame times rounded to 10 ms
 }
+IMAGE = "frame_{:05d}.png"  # name of an image in a folder of the format png
 _FFV1 = {"level": "3", "coder": "1", "context": "0", "g": "1", "slices": "4", "slicecrc": "1"}
 _X264 = {"crf": "1", "preset": "medium", "tune": "psnr", **ON_ANY_PROCESSOR}
 _CODINGS = {
@@ -301,7 +302,7 @@ def open_writer(
     """
     if form == "png":
         with PartFolder(path, new=new) as folder:
-            names = (folder.part / f"frame_{index:05d}.png" for index in range(shape[0]))
+            names = (folder.part / IMAGE.format(index) for index in range(shape[0]))
             yield lambda grey: next(names).write_bytes(png_bytes(grey))
         return
     with PartFile(path, new=new) as file:

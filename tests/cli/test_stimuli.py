@@ -195,6 +195,23 @@ def test_existing_files(tmp_path: Path) -> None:
     assert path.read_bytes() != first
 
 
+@pytest.mark.parametrize("handling", ["skip", "overwrite"])
+def test_the_ground_truth_of_another_format_is_not_replaced(tmp_path: Path, handling: str) -> None:
+    words = ("generate", "klapoetke2017/loom", "-o", tmp_path, *SMALL)
+    again = (*words, "--if-exists", handling)
+    run(*words, "--format", "png")
+    truth = tmp_path / "klapoetke2017_loom.stimulus.json"
+    before = truth.read_bytes()
+    assert run(*again, "--format", "npz").returncode == 0
+    assert truth.read_bytes() == before
+    found = run(*again, "--change", "display.projection=perspective")
+    assert found.returncode == ExitCode.USAGE
+    assert "klapoetke2017_loom: exists already, with another display" in found.stderr
+    assert "its ground truth would be replaced" in found.stderr
+    assert truth.read_bytes() == before
+    assert not truth.with_name("klapoetke2017_loom.avi").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
