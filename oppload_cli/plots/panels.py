@@ -201,18 +201,18 @@ def draw_curves(
     if options.xlim:  # before the curves, so that the axes cut the ring of a peak outside
         axes.set_xlim(options.xlim)
     bars = options.bars_of(curves)
+    largest = max(float(np.nanmax(value, initial=0)) for value in values)
     for order, (curve, value) in enumerate(zip(curves, values, strict=True)):
         _draw_curve(axes, curve, value, scale, order)
         _draw_alarms(axes, curve, bars.get(curve))
         if options.threshold and scale != "threshold":
-            notes += _draw_threshold(axes, curve, scale)
+            notes += _draw_threshold(axes, curve, scale, largest)
     notes += _alarm_notes(curves, options)
     if scale != options.scale:
         notes.append("divided by the peak: no alarm threshold")
     if scale == "raw":
         style.number_in_full(axes)
     axes.margins(x=0.01)
-    largest = max(float(np.nanmax(value, initial=0)) for value in values)
     bars_height = _BAR_STEP * len(bars)
     if scale == "threshold":
         if options.threshold:
@@ -287,24 +287,28 @@ def _described(curve: Curve, scale: str, best: int) -> str:
     return text + frame if fits else text
 
 
-def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:
-    """Draw an alarm's threshold where it lies in the panel; return the notes for the legend."""
+def _draw_threshold(axes: Axes, curve: Curve, scale: str, largest: float) -> list[str]:
+    """Draw an alarm's threshold where it lies in the panel; return the notes for the legend.
+
+    `largest` is the largest value of all curves in the panel.
+    """
     threshold, peak = curve.threshold, float(np.nanmax(curve.response))
     if threshold is None:
         return []
-    label = detector_named(curve.detector).label
-    if peak <= 0:
-        return [f"threshold of {label} above the panel: no response"]
     over = peak if scale == "peak" else 1.0
-    shown = np.where(threshold > _HEADROOM * peak, np.nan, threshold) / over
+    above = threshold > _HEADROOM * largest * over
+    shown = np.where(above, np.nan, threshold) / over
     if not np.isfinite(shown).any():
-        times = style.short_number(float(np.nanmin(threshold)) / peak)
-        return [f"threshold of {label} above the panel: {times} times the peak or more"]
+        height = "no response"
+        if peak > 0:
+            times = style.short_number(float(np.nanmin(threshold)) / peak)
+            height = f"{times} times the peak or more"
+        return [f"threshold of {curve.name} above the panel: {height}"]
     axes.plot(
         curve.time, shown, color=curve.colour, lw=0.8, linestyle=(0, (1, 1)), drawstyle="steps-mid"
     )
     notes = ["dotted: threshold of the alarm"]
-    return [*notes, NOT_DOTTED] if (threshold > _HEADROOM * peak).any() else notes
+    return [*notes, NOT_DOTTED] if above.any() else notes
 
 
 def log_axis(axes: Axes, top: float) -> None:

@@ -660,6 +660,30 @@ def test_the_legend_says_where_a_dotted_line_is_above_the_panel(tmp_path: Path) 
     assert "threshold of OppLoD above the panel: no response" in labels(panel)
 
 
+def test_a_threshold_below_the_largest_curve_of_the_panel_is_drawn(tmp_path: Path) -> None:
+    results = []
+    for name, share in (("strong", 1.0), ("weak", 1e-3), ("silent", 0.0)):
+        rows = frame_rows()
+        for row in rows[3:]:
+            row["opplod_response"] = f"{float(row['opplod_response']) * share:.9g}"
+        path = write_rows(tmp_path / f"{name}.frames.csv", rows)
+        sidecar = {"parameters": {"alarm": FLOORS}}
+        path.with_name(f"{name}.oppload.json").write_text(json.dumps(sidecar))
+        results.append(read_result(path))
+    _, (panel,) = plot_curves(results, scale="raw", models=["opplod"])
+    floor = FLOORS["opplod_floor"]
+    dotted = [line for line in panel.lines if line.get_drawstyle() == "steps-mid"]
+    assert [np.nanmin(line.get_ydata()) for line in dotted] == pytest.approx([floor] * 3)
+    assert not [label for label in labels(panel) if "above the panel" in label]
+    _, (panel,) = plot_curves(results[1:], scale="raw", models=["opplod"])
+    over = f"{floor / 1e-3:.4g}"
+    notes = [label.replace("\n", " ") for label in labels(panel) if "above" in label]
+    assert notes == [
+        f"threshold of weak above the panel: {over} times the peak or more",
+        "threshold of silent above the panel: no response",
+    ]
+
+
 def test_the_notes_of_small_multiples_are_inside_the_figure(tmp_path: Path) -> None:
     rows = frame_rows()
     for row in rows:
