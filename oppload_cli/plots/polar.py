@@ -124,7 +124,7 @@ class DirectionTuning:
         if self.symmetric:
             missing = "does not apply (opposite directions are the same)"
         direction, axis = (
-            why if index is None else f"{index:.3f}"
+            why if index is None else f"{index:z.3f}"  # z: no "-0.000"
             for index, why in (
                 (n.direction_index, missing),
                 (n.axis_index, "unknown (axes not spread evenly)"),

@@ -136,6 +136,13 @@ def test_a_direction_that_was_shown_twice_is_drawn_once(begin: int, tmp_path: Pa
     assert "axis selectivity index 0.000" in curve.line()
 
 
+def test_an_index_that_rounds_to_zero_has_no_sign(tmp_path: Path) -> None:
+    circle = {"bar.axis_deg": [0.0, 90, 180, 270]}
+    tuning = made(tmp_path, circle, {"opplod": [1.0, 0.5, 1.00000001, 0.5]})
+    (curve,) = polar_curves(tuning, lplc2="none")
+    assert "at 0 deg, direction selectivity index 0.000, axis" in curve.line()
+
+
 def test_the_reference_has_the_published_numbers() -> None:
     assert bar_tuning(10) == {15: 0.33, 45: 0.34, 75: 0.32, 105: 0.38, 135: 0.39, 165: 0.41}
     assert bar_tuning(60) == {15: 0.19, 45: 0.05, 75: 0.15, 105: 0.18, 135: 0.07, 165: 0.23}
