@@ -25,6 +25,8 @@ from oppload_cli.stimulus.tables import TABLES, ProtocolTables, Scene
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from oppload_cli.stimulus.tables import Display
+
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_FRAMES = 1_000_000
@@ -70,17 +72,18 @@ class Protocol(ProtocolTables):
         if not isinstance(table, dict):
             raise StimulusError(f"{where} must be a table of keys, not {table!r}")
         top = dict(table)
-        if "objects" in top:
-            raise StimulusError(f"{where}: unknown key 'objects'{suggestion('objects', _RESERVED)}")
+        known = {"object", *cls.names()} - {"objects"}
+        for key in top:  # before the objects: a stray [growth] leaves an object incomplete
+            if key not in known:
+                raise StimulusError(f"{where}: unknown key '{key}'{suggestion(str(key), known)}")
         listed = top.pop("object", [])
         scene = top.get("scene")
         staged = isinstance(scene, dict) and "background" in scene
         if not isinstance(listed, list) or not (listed or staged):
             raise StimulusError(f"{where}: there is no object; add one as [[object]]")
-        names = [one.get("id", "?") if isinstance(one, dict) else "?" for one in listed]
         top["objects"] = [
-            Object.from_table(one, f"{where}: object '{name}'")
-            for one, name in zip(listed, names, strict=True)
+            Object.from_table(one, f"{where}: {_called(one, number)}")
+            for number, one in enumerate(listed, 1)
         ]
         return super().from_table(top, where)
 
@@ -138,6 +141,12 @@ def json_schema() -> dict[str, Any]:
     }
 
 
+def _called(table: object, number: int) -> str:
+    """Return what a message calls an object of a file: its id, or else its number."""
+    name = table.get("id") if isinstance(table, dict) else None
+    return f"object number {number}" if name is None else f"object '{name}'"
+
+
 def _check_object_times(protocol: Protocol, obj: Object) -> None:
     timing = protocol.timing
     if obj.onset_s >= timing.motion_s:
@@ -183,12 +192,22 @@ def _check_inside(protocol: Protocol, obj: Object) -> None:
     times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
     if not any(may_show(protocol, obj, time) for time in times):
         display = protocol.display
-        wide, high = display.width / display.scale, display.height / display.scale
-        changed = "its course" if obj.kind == PICTURE else "centre_deg, its size or its motion"
+        wide, high = (_angle_of(display, side) for side in (display.width, display.height))
+        empty, changed = " or of size 0", "centre_deg, its size or its motion"
+        if obj.kind == PICTURE:
+            empty, changed = "", "its course"
         raise StimulusError(
-            f"it is outside the field ({wide:.4g} x {high:.4g} deg) in every frame; "
+            f"it is outside the field ({wide:.4g} x {high:.4g} deg){empty} in every frame; "
             f"change {changed}"
         )
+
+
+def _angle_of(display: Display, side: int) -> float:
+    """Return the angle in degrees that a side of the display spans, given in pixels."""
+    angle = side / display.scale
+    if display.projection == "flat":
+        return angle
+    return 2 * math.degrees(math.atan(math.radians(angle / 2)))
 
 
 def _remarks(protocol: Protocol) -> Iterator[str]:
@@ -206,11 +225,23 @@ def _remarks(protocol: Protocol) -> Iterator[str]:
             f"scene: pictures and backgrounds do not follow {' and '.join(moved)}; use a course "
             "and [camera]"
         )
+    if protocol.objects and all(_like_ground(protocol, obj) for obj in protocol.objects):
+        yield (
+            "every object has the luminance of display.background, so that no frame shows it; "
+            "change one of the two"
+        )
     if _has_late_points(scene.motion, timing.motion_s):
         yield f"scene: a time of motion.path_s is {_LATE}"
     for obj in protocol.objects:
         for remark in (*_late_changes(protocol, obj), *_too_fast(protocol, obj)):
             yield f"object '{obj.id}': {remark}"
+
+
+def _like_ground(protocol: Protocol, obj: Object) -> bool:
+    """Return whether an even ground hides an object, if there is no other object."""
+    textured = obj.kind in {*FIELDS, "patch", PICTURE} or protocol.scene.background
+    even = not (textured or obj.brightness)
+    return even and obj.luminance == protocol.display.background
 
 
 def _late_changes(protocol: Protocol, obj: Object) -> Iterator[str]:

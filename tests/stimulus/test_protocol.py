@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -149,9 +150,23 @@ def test_an_object_outside_of_the_field() -> None:
             protocol_of(text)
         assert "object 'disk': it is outside the field (25 x 20 deg)" in str(caught.value)
         assert "change centre_deg" in str(caught.value)
+    wide = 2 * math.degrees(math.atan(math.radians(25 / 2)))  # the angle of a flat screen
+    screen = text.replace("[timing]", 'projection = "perspective"\n[timing]')
+    with pytest.raises(StimulusError, match=rf"outside the field \({wide:.4g} x "):
+        protocol_of(screen)
+    with pytest.raises(StimulusError, match="or of size 0 in every frame; change centre_deg, its"):
+        protocol_of(GOOD[: GOOD.index("[object.growth]")] + "size_deg = 0")
     # one that moves in is not outside
     moving = text + "[object.motion]\nspeed_deg_s = 30\ndirection_deg = -45\n"
     assert protocol_of(moving).frame_count > 0
+
+
+def test_the_message_names_the_table_that_is_wrong() -> None:
+    with pytest.raises(StimulusError, match=r"^my.toml: unknown key 'growth'"):
+        protocol_of(SIZED.replace("size_deg = 4\n[object.growth]", "[growth]"))
+    nameless = GOOD[GOOD.index("[[object]]") :].replace('id = "disk"\n', "")
+    with pytest.raises(StimulusError, match="object number 2: id is missing; add it"):
+        protocol_of(GOOD + nameless)
 
 
 def test_no_objects_or_too_many_frames() -> None:

@@ -57,6 +57,22 @@ def test_a_grating_that_moves_too_far_in_a_frame(text: str, remarked: bool) -> N
     assert all(each.startswith("object 'grating': it moves by half of its") for each in found)
 
 
+@pytest.mark.parametrize(
+    ("text", "remarked"),
+    [
+        (DISK + "luminance = 1.0", True),
+        (DISK + "luminance = 1.0\n" + DISK.replace('"disk"\nkind', '"ring"\nkind'), False),
+        (DISK + "luminance = 1.0\nbrightness = {kind = 'step', to = 0.5}", False),
+        (DISK.replace('"disk"\nsize', '"patch"\nsize') + "luminance = 0.5", False),
+    ],
+)
+def test_objects_of_the_luminance_of_the_ground(text: str, remarked: bool) -> None:
+    grounds = (TOP, TOP.replace("[timing]", "background = 0.5\n[timing]"))
+    found = remarks(grounds["patch" in text] + text)
+    assert len(found) == remarked
+    assert all(each.startswith("every object has the luminance of") for each in found)
+
+
 @pytest.mark.parametrize(("hertz", "remarked"), [(5, False), (5.1, True)])
 def test_a_flicker_that_is_too_fast(hertz: float, remarked: bool) -> None:
     flicker = f"brightness = {{kind = 'flicker', to = 1.0, frequency_hz = {hertz}}}"
