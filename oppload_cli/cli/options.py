@@ -238,7 +238,7 @@ assignments = partial(
     metavar="SET.PARAMETER=VALUE",
     shell_complete=_complete_settings,
 )
-config = partial(click.option, "--config", type=click.Path(path_type=Path), metavar="FILE.toml")
+config = partial(click.option, "--config", type=click.Path(path_type=Path), metavar="FILE")
 
 repeats = click.option(
     "--repeats",
@@ -281,7 +281,10 @@ def settings(*, preset: str = DEFAULT_PRESET, table: bool = True) -> Callable[[C
         assignments(
             help=f"Set one parameter, e.g. {EXAMPLE_SETTING}; 'oppload models NAME' lists them.",
         ),
-        config(help="Settings from a file; see 'oppload config'."),
+        config(
+            help="Settings from a .toml file (see 'oppload config'), or those of a result from "
+            "its sidecar."
+        ),
         click.option(
             "--height",
             metavar="PX|native",

@@ -5,6 +5,7 @@ The TOML file overrides the preset, and the command line overrides both.
 
 from __future__ import annotations
 
+import json
 import tomllib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
@@ -21,6 +22,7 @@ from oppload_cli.files.reading import reading, text_of
 from oppload_cli.models.presets import (
     DEFAULT_PRESET,
     EXAMPLE_SETTING,
+    NATIVE,
     Preset,
     parse_height,
     preset_in,
@@ -36,7 +38,7 @@ from oppload_cli.models.registry import (
 from oppload_cli.models.timebase import TimeParams, time_params
 from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.pipeline.repeats import RepeatParams
-from oppload_cli.video.optics import parse_fov
+from oppload_cli.video.optics import FOV, parse_fov
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
 
 
 _COMMAND_LINE = "command line"
+_SIDECARS = ("oppload.result/2", "oppload.tuning/1")  # schemas of sidecars with settings
 _USUAL, ALL_COLUMNS = "usual", "all"  # values of the setting `columns`
 
 
@@ -195,7 +198,7 @@ def resolve(
     ----------
     config : Path, optional
         A TOML file with ``preset``, ``models``, ``height``, ``fov``, ``measure_rmo``, ``columns``
-        and a table per parameter set.
+        and a table per parameter set; or the sidecar of a result, whose settings are taken.
     models : sequence of str
         Names of detectors to run, or ``all``; a text may hold several names, separated by commas.
         A preset after a name, as in ``opplod:reference``, is the preset of the run.
@@ -356,8 +359,31 @@ _TOP_READERS: dict[str, Callable[[Any], Any]] = {
 
 
 def _read(path: Path) -> dict[str, Any]:
+    """Return the content of a file of settings, or the settings in the sidecar of a result."""
+    if path.suffix.lower() == ".json":
+        return _settings_of_sidecar(path)
     with reading(path, ParameterError, form="TOML", check="check --config"):
         return tomllib.loads(text_of(path))
+
+
+def _settings_of_sidecar(path: Path) -> dict[str, Any]:
+    with reading(path, ParameterError, form="JSON", check="check --config"):
+        content = json.loads(text_of(path), object_hook=_without_nulls)
+    sets = content.get("parameters") if isinstance(content, dict) else None
+    if not isinstance(sets, dict) or content.get("schema") not in _SIDECARS:
+        raise ParameterError(
+            f"{path}: holds no settings that this version knows; give the sidecar of a result, "
+            "NAME.oppload.json or NAME.tuning.json, or a file of settings in TOML"
+        )
+    top = {key: content[key] for key in ("preset", *_TOP_READERS) if key in content}
+    view = content.get("field_of_view")
+    if isinstance(view, dict) and view.get("origin") == FOV:
+        top["fov"] = view.get("horizontal_deg")
+    return {"height": NATIVE, **top, **sets}  # a sidecar has null for the native height
+
+
+def _without_nulls(table: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if value is not None}
 
 
 def _preset_of_file(content: Mapping[str, Any], source: str, usual: str) -> Preset:

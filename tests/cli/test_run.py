@@ -109,6 +109,32 @@ def test_options_reach_the_models(clip: Path, tmp_path: Path) -> None:
     assert sidecar["decode"]["complete"] is True
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        "--model opplod,lgmd2 --preset reference --set opplod.inhibition_strength=3 --fov 77",
+        "--preset lplc2 --height native --no-rmo --columns all --set opplod.receptive_field=20deg "
+        "--fov 90 --repeats keep",
+    ],
+)
+def test_the_settings_in_a_sidecar_give_the_same_bytes(
+    options: str, clip: Path, tmp_path: Path
+) -> None:
+    first, again = tmp_path / "first", tmp_path / "again"
+    assert oppload("run", clip, "-o", first, *options.split()).returncode == 0
+    sidecar = first / f"{clip.stem}.oppload.json"
+    assert oppload("run", clip, "-o", again, "--config", sidecar).returncode == 0
+    for suffix in (".frames.csv", ".detections.jsonl"):
+        name = f"{clip.stem}{suffix}"
+        assert (again / name).read_bytes() == (first / name).read_bytes()
+    old, new = (json.loads((folder / sidecar.name).read_text()) for folder in (first, again))
+    own = {"command", "threads", "wall_s", "frames_per_s"}
+    assert {key for key in old if old[key] != new[key]} <= own
+    for content in ("[]", '{"schema": "oppload.stimulus/1", "parameters": {}}'):
+        sidecar.write_text(content)
+        assert "holds no settings that" in oppload("run", clip, "--config", sidecar).stderr
+
+
 def test_preset_paper_runs_at_its_own_height(clip: Path, tmp_path: Path) -> None:
     done = oppload("run", clip, "-o", tmp_path, "--preset", "paper", "--end", "f8", "-v")
     assert done.returncode == 0
