@@ -31,16 +31,27 @@ _FILE_SUFFIXES = frozenset(
 
 
 class _ResultsFolder(click.Path):
-    """A folder of results, which need not exist yet. It refuses the name of a file."""
+    """A folder of results, which need not exist yet. It refuses the name of a file.
+
+    It also refuses ``-``, unless the command can write its table to standard output (`streams`).
+    """
 
     name = "directory"
 
-    def __init__(self) -> None:
+    def __init__(self, *, streams: bool) -> None:
         super().__init__(path_type=Path, readable=False)
+        self._streams = streams
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the folder as a path."""
         folder = Path(str(super().convert(value, param, ctx)))
+        if value == "-" and not self._streams:
+            self.fail(
+                "'-' is standard output, which cannot hold the files of this command; give a "
+                "folder",
+                param,
+                ctx,
+            )
         if folder.suffix.lower() in _FILE_SUFFIXES and not is_folder(folder):
             self.fail(
                 f"'{folder}' is the name of a file; give a folder: the files in it are named "
@@ -52,16 +63,17 @@ class _ResultsFolder(click.Path):
 
 
 def output(
-    default: str | None, text: str = "Folder of the results."
+    default: str | None, text: str = "Folder of the results.", *, streams: bool = False
 ) -> Callable[[Command], Command]:
     """Return the option ``--output`` of a command that fills a folder.
 
-    If the default is ``.`` or None, the text must explain it.
+    If the default is ``.`` or None, the text must explain it. `streams` says whether the command
+    takes ``-`` for standard output.
     """
     return click.option(
         "-o",
         "--output",
-        type=_ResultsFolder(),
+        type=_ResultsFolder(streams=streams),
         default=default,
         show_default=default not in {None, "."},
         metavar="DIR",

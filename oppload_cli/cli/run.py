@@ -20,7 +20,11 @@ from oppload_cli.video.opening import Opening, is_video_file
 
 @click.command()
 @click.argument("inputs", nargs=-1, metavar="INPUT...")
-@options.output(".", "Folder of the results; '-' streams one input's CSV.  [default: this folder]")
+@options.output(
+    ".",
+    "Folder of the results; '-' streams one input's CSV.  [default: this folder]",
+    streams=True,
+)
 @options.settings()
 @click.option("-r", "--recursive", is_flag=True, help="Search folders to any depth.")
 @click.option(

@@ -48,6 +48,7 @@ WRONG = [
     (["run", "CLIP", "--config", "none.toml"], 2, "none.toml: cannot be read"),
     (["run", "CLIP", "-o", "file"], 2, "file: cannot be written (not a directory)"),
     (["run", "CLIP", "-o", "file/inside"], 2, "file/inside: cannot be written (not a directory)"),
+    (["tune", "controls/plaid", "-o", "-"], 2, "'-' is standard output, which cannot hold the f"),
     (["run", "CLIP", "-o", "result.csv"], 2, "'result.csv' is the name of a file; give a folder"),
     (["stimuli", "generate", "looming-disk-centre", "-o", "a.MP4"], 2, "'a.MP4' is the name of a"),
     (["run", "CLIP", "CLIP2", "-o", "-"], 2, "'-o -' streams one input"),
