@@ -13,6 +13,7 @@ from oppload_cli.environment import environment
 from oppload_cli.errors import faults_at
 from oppload_cli.files.atomic import PartFile, write_atomic
 from oppload_cli.files.tables import csv_text
+from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
@@ -166,7 +167,8 @@ def tuning_sidecar(
     entry, settings = sweep.entry, sweep.settings
     first = entry.protocols()[0]
     video = StimulusVideo(first, settings.height)
-    resolved = seen_in(video, settings.with_all_detectors()).resolved(min(video.working.shape))
+    height = min(video.working.shape)
+    resolved = seen_in(video, settings.with_all_detectors()).resolved(height)
     content = {
         "schema": _SCHEMA,
         "tool": environment(),
@@ -175,7 +177,7 @@ def tuning_sidecar(
         "models": list(settings.models),
         "height": settings.height,
         "parameters": {name: params.as_dict() for name, params in resolved.items()},
-        "changed": _changed(settings, resolved),
+        "changed": _changed(settings, resolved, height),
         "sizes_deg": settings.angles,
         "indicator_s": indicator_s,
         "doubts": [{"model": each.detector, "note": each.note} for each in doubts],
@@ -192,15 +194,24 @@ def tuning_sidecar(
     return content | ({"figure": dict(sweep.figure)} if sweep.figure else {})
 
 
-def _changed(settings: Settings, resolved: Mapping[str, Parameters]) -> dict[str, Any]:
-    """Return the parameters of the measured detectors that do not come from the preset."""
+def _changed(settings: Settings, resolved: Mapping[str, Parameters], height: int) -> dict[str, Any]:
+    """Return the parameters of the measured detectors that differ from those of the preset.
+
+    A file of settings may also state values that are those of the preset. `height` is the working
+    height, for which the parameters are `resolved`.
+    """
+    usual = {
+        name: parameters_of(name, settings.preset).resolved(height).as_dict()
+        for name in settings.models
+    }
     changed: dict[str, Any] = {}
     for key, origin in settings.origins.items():
         group, _, name = key.partition(".")
         if group in settings.models and name and not origin.startswith("preset"):
             angle = settings.angles.get(key)
             value = resolved[group].as_dict().get(name)
-            changed[key] = value if angle is None else f"{angle:g}deg"
+            if angle is not None or value != usual[group].get(name):
+                changed[key] = value if angle is None else f"{angle:g}deg"
     return changed
 
 

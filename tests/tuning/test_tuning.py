@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -194,6 +195,10 @@ def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
     assert content["parameters"]["opplod"]["gain"] == 3
     assert content["parameters"]["opplod"]["receptive_field"] == 25  # 5/12 of 60
     assert content["changed"] == {"opplod.gain": 3}
+    path = tmp_path / "a.tuning.json"
+    path.write_text(json.dumps(content))
+    again = tuning_sidecar(Sweep(disk(tmp_path), resolve(config=path)), command=["oppload"])
+    assert again == content  # values of the preset are not changed, though the file states them
     assert content["stimulus"]["sweep"] == {"disk.growth.speed_deg_s": [15, 25, 35]}
 
 
