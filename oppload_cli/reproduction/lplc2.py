@@ -223,6 +223,15 @@ def battery() -> Built:
             name: described_settings(_settings(name), _SETTINGS.get(name, ())) for name in shown
         },
         source=SOURCE,
+        ranges=_ranges(shown["lplc2"].rows),
+    )
+
+
+def _ranges(rows: Sequence[Row]) -> str:
+    """Return in words the ranges of the ratios of peaks in LPLC2 neurons."""
+    return "; ".join(
+        f"{name}: at least {low:.2g}" if math.isinf(high) else f"{name}: {low:.2g} to {high:.2g}"
+        for name, (_, low, high) in phenomena(rows).items()
     )
 
 

@@ -16,6 +16,7 @@ from oppload_cli.reproduction.lplc2 import (
     _alike,
     _effects,
     _published,
+    _ranges,
     phenomena,
     show,
 )
@@ -66,6 +67,9 @@ def test_phenomena_of_a_silent_model_are_in_no_range() -> None:
     assert len(found) == 10
     kept = [name for name, (value, low, high) in found.items() if low <= value <= high]
     assert kept == ["inward cross"]
+    assert _ranges(rows).startswith(
+        "both ends over one end, least: at least 2.5; outward cross: 0.35 to 0.6; inward cross: 0 t"
+    )
     both = [
         row._replace(peak_over_loom=0.5) if row.stimulus == "bar-expand-20" else row for row in rows
     ]
