@@ -178,7 +178,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
             axes[0].plot([], [], **(look if fit else points), label=label)
             if sizes is not None:
                 axes[-1].plot(x, sizes, **points)
-        _draw_field(axes, curves[0].tuning)
+        _draw_limits(axes, [curve.tuning for curve in curves])
         if request.published:
             _draw_published(axes, axes[0].get_xlim()[1])
         axes[0].set_ylabel("peak before contact (ms)")
@@ -240,22 +240,23 @@ def _draw_line(
         axes.fill_between(x, line - error, line + error, color=look["color"], alpha=0.15, lw=0)
 
 
-def _draw_field(axes: Sequence[Axes], tuning: Tuning) -> None:
-    """Draw the time at which the object fills the display or stops growing.
+def _draw_limits(axes: Sequence[Axes], tunings: Iterable[Tuning]) -> None:
+    """Draw the time at which the object fills the display or stops growing, for each display.
 
     Peaks cannot come much later.
     """
-    largest = _largest_angle(tuning)
-    if not largest or largest >= 180:
-        return
-    slope = 1 / math.tan(math.radians(largest / 2))
-    x = axes[0].get_xlim()[1]
+    angles = {round(angle, 6) for each in tunings if (angle := _largest_angle(each))}
+    limits = sorted(angle for angle in angles if angle < 180)
+    stated = " and ".join(f"{angle:.0f}" for angle in limits)
+    label = f"object fills the display or stops growing: {stated} deg"
     look: dict[str, Any] = {"color": style.FAINT, "lw": 0.7, "linestyle": style.DASHES[1]}
-    label = f"object fills the display or stops growing: {largest:.0f} deg"
-    axes[0].plot([0, x], [0, slope * x], **look, label=label)
-    axes[0].set_xlim(right=x)
-    if len(axes) > 1:
-        axes[1].axhline(largest, **look)
+    x = axes[0].get_xlim()[1]
+    for number, angle in enumerate(limits):
+        slope = 1 / math.tan(math.radians(angle / 2))
+        axes[0].plot([0, x], [0, slope * x], **look, label="" if number else label)
+        if len(axes) > 1:
+            axes[1].axhline(angle, **look)
+        axes[0].set_xlim(right=x)
 
 
 def _largest_angle(tuning: Tuning) -> float | None:

@@ -118,7 +118,7 @@ def plot_tuning(
     shown = [_reduced(each) if _is_reduced(kind, each) else each for each in tunings]
     request = Request(shown, models, names, title, published, scale == "raw", lplc2)
     figure, axes = _PLOTS[kind](request)
-    _write_below(figure, _settings_lines(tunings, names))
+    _write_below(figure, _settings_lines(tunings, names, title))
     return figure, axes
 
 
@@ -216,9 +216,17 @@ def _title(tunings: Sequence[Tuning], kind: str) -> str:
     return ", ".join(filter(None, (title, through)))
 
 
-def _settings_lines(tunings: Sequence[Tuning], names: Sequence[str]) -> list[str]:
-    """Return lines with preset, working height and all changes: one if all tables agree."""
-    lines = [_settings_of(each) for each in tunings]
+def _settings_lines(tunings: Sequence[Tuning], names: Sequence[str], title: str) -> list[str]:
+    """Return lines with preset, working height and all changes: one if all tables agree.
+
+    An indicator that neither the title nor the name of its table states, because they are the
+    user's, is stated too.
+    """
+    lines = []
+    for tuning, name in zip(tunings, names, strict=True):
+        indicator = indicator_of(tuning.sidecar)
+        unstated = "" if indicator in f"{title}, {name}" else indicator
+        lines.append("; ".join(filter(None, (_settings_of(tuning), unstated))))
     if len(set(lines)) == 1:
         return [lines[0]] if lines[0] else []
     return [f"{name}: {line}" for name, line in zip(names, lines, strict=True) if line]

@@ -141,6 +141,19 @@ def test_the_limit_of_a_perspective_display_is_that_of_its_shorter_side(tmp_path
     assert "object fills the display or stops growing: 53 deg" in labels
 
 
+def test_tables_of_several_displays_have_a_limit_each(tmp_path: Path) -> None:
+    """The second and the third display share their limit, of 300 px at 5 px/deg."""
+    tunings = [contact(tmp_path / f"{name}.tuning.csv", most_deg=180) for name in "abc"]
+    for tuning, view in zip(tunings, (72, 60, 60), strict=True):
+        display = {"width": 300, "height": 300, "projection": "flat", "field_of_view_deg": view}
+        tuning.sidecar["stimulus"]["first"]["display"] = display
+    _, (times, sizes) = plot_tuning(tunings, "contact", models=["opplod"], published=False)
+    labels = times.get_legend_handles_labels()[1]
+    assert labels[3:] == ["object fills the display or stops growing: 60 and 72 deg"]
+    heights = [set(np.asarray(line.get_ydata()).tolist()) for line in sizes.lines]
+    assert [each for each in heights if each in ({60}, {72})] == [{60}, {72}]
+
+
 def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> None:
     tuning = contact(tmp_path / "a.tuning.csv", most_deg=60)
     _, (times, sizes) = plot_tuning(tuning, "contact")

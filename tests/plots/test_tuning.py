@@ -548,6 +548,11 @@ def test_an_indicator_is_part_of_the_name(tmp_path: Path) -> None:
     assert figure.get_suptitle() == "through an indicator of 1 s"
     figure, _ = plot_tuning(tables[0])
     assert "indicator" not in figure.get_suptitle()
+    # below the figure, where title and names are the user's
+    figure, _ = plot_tuning(tables[1], title="mine")
+    assert figure.texts[-1].get_text() == "indicator of 1 s"
+    figure, _ = plot_tuning(tables, labels=["a", "b"])
+    assert figure.texts[-1].get_text() == "b: indicator of 1 s"
 
 
 @pytest.mark.parametrize(
