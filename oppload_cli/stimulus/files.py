@@ -124,9 +124,10 @@ def _check_fits(protocol: Protocol, form: str, where: str) -> None:
                 "change it or use format ffv1"
             )
     if known.fastest_hz is not None and display.frame_rate > known.fastest_hz:
+        fits = "ffv1" if display.frame_rate <= (FORMATS["ffv1"].fastest_hz or 0) else "png or npz"
         raise StimulusError(
             f"{where}: display.frame_rate = {float(display.frame_rate):g} is more than the "
-            f"{known.fastest_hz:g} Hz that {form} holds; lower it or use format ffv1"
+            f"{known.fastest_hz:g} Hz that {form} holds; lower it or use format {fits}"
         )
 
 

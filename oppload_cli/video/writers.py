@@ -254,8 +254,8 @@ class _Format:
 
 
 FORMATS = {
-    "ffv1": _Format(".avi"),
-    "mkv": _Format(".mkv"),  # FFV1 too; the container rounds frame times to 1 ms
+    "ffv1": _Format(".avi", fastest_hz=1000.0),  # FFmpeg writes no AVI of a higher rate
+    "mkv": _Format(".mkv", fastest_hz=1000.0),  # FFV1 too; frame times rounded to 1 ms
     "mp4": _Format(".mp4", even=True),  # lossy: up to 6 grey levels, 0.3 on average
     "png": _Format(""),  # one image per frame in a folder, no frame times
     "npz": _Format(".npz"),

@@ -97,13 +97,23 @@ def test_error_of_each_format(form: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["ffv1", "mkv"])
-@pytest.mark.parametrize("rate", ["30000/1001", "60", "144"])
+@pytest.mark.parametrize("rate", ["30000/1001", "60", "144", "1000"])
 def test_frame_rate_is_kept_as_a_fraction(form: str, rate: str, tmp_path: Path) -> None:
     written = stimulus.write(clip(rate=rate), tmp_path, form=form)
     with av.open(str(written.video)) as container:
         stream = container.streams.video[0]
         assert stream.average_rate == Fraction(rate)
         assert stream.codec_context.pix_fmt == "gray"
+
+
+@pytest.mark.parametrize("form", ["ffv1", "mkv"])
+def test_a_rate_above_that_of_a_container_is_refused(form: str, tmp_path: Path) -> None:
+    with pytest.raises(StimulusError, match=rf"1440 is more than the 1000 Hz that {form} holds; "
+                       "lower it or use format png or npz"):  # fmt: skip
+        stimulus.write(clip(rate="1440"), tmp_path, form=form)
+    for other in ("mp4", "npz"):
+        video = stimulus.write(clip(rate="1440"), tmp_path, form=other).video
+        assert decoded(video, other)[1] == pytest.approx([at / 1440 for at in range(720)])
 
 
 @pytest.mark.parametrize("form", FORMATS)
