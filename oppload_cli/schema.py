@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 REQUIRED: Any = MISSING
+AUTO = "auto"  # in place of None in files and on the command line: the height decides
 _WORDS = {
     int: "whole number",
     float: "number",
@@ -382,7 +383,7 @@ class Parameters(Table):
 
     _error: ClassVar[type[OpploadError]] = ParameterError
     _units: ClassVar[bool] = False
-    _none: ClassVar[str] = " or none"
+    _none: ClassVar[str] = f" or '{AUTO}'"
     _set: ClassVar[str] = ""  # name of the set in settings, if it differs from that of the class
 
     def resolved(self, height: int) -> Self:  # noqa: ARG002
@@ -407,14 +408,19 @@ class Parameters(Table):
             self._known(name)
         return replace(self, **values)
 
+    @classmethod
+    def _checked(cls, declared: Parameter, value: object) -> Any:
+        automatic = declared.optional and value == AUTO  # TOML has no value for None
+        return super()._checked(declared, None if automatic else value)
+
     def parsed(self, name: str, text: str) -> object:
-        """Convert a text such as ``"200"`` or ``"none"`` to the type of a parameter.
+        """Convert a text such as ``"200"`` or ``"auto"`` to the type of a parameter.
 
         :meth:`replaced` checks the range. Raises ParameterError if the name is unknown, or the text
         cannot be converted.
         """
         each = self._known(name)
-        if each.optional and text.lower() in {"none", "auto"}:
+        if each.optional and text.lower() in {"none", AUTO}:
             return None
         if each.type is str:
             return text

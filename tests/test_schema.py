@@ -72,7 +72,7 @@ def test_numbers_of_numpy_are_plain_numbers(number: Any) -> None:
     for wrong in (np.True_, "2"):
         with pytest.raises(ParameterError, match="gain' of some takes a number, not"):
             params.replaced(gain=wrong)
-    with pytest.raises(ParameterError, match="cell' of some takes a whole number or none, not"):
+    with pytest.raises(ParameterError, match="cell' of some takes a whole number or 'auto', not"):
         params.replaced(cell=np.float32(2))
 
 
@@ -103,7 +103,7 @@ def test_parameters_name_themselves_and_their_set() -> None:
         ({"gain": -1}, "parameter 'gain' of some must be at least 0, not -1"),
         ({"gain": -1.0000001}, "parameter 'gain' of some must be at least 0, not -1.0000001"),
         ({"gain": None}, "parameter 'gain' of some takes a number, not None"),
-        ({"cell": "x"}, "parameter 'cell' of some takes a whole number or none, not 'x'"),
+        ({"cell": "x"}, "parameter 'cell' of some takes a whole number or 'auto', not 'x'"),
         ({"cel": 1}, "no parameter 'cel' of some; did you mean 'cell'?"),
     ):
         with pytest.raises(ParameterError) as caught:

@@ -10,6 +10,7 @@ import click
 from oppload_cli.cli import options
 from oppload_cli.errors import printable
 from oppload_cli.models.presets import NATIVE
+from oppload_cli.schema import AUTO
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,6 +51,4 @@ def _lines(settings: Settings) -> Iterator[str]:
         }
         for name, value in {**params.as_dict(), **angles}.items():
             origin = origins.get(f"{group}.{name}", f"preset {settings.preset}")
-            # TOML has no value for None.
-            follows = f"# {name} follows from the height"
-            yield f"{follows if value is None else f'{name} = {json.dumps(value)}'}  # {origin}"
+            yield f"{name} = {json.dumps(AUTO if value is None else value)}  # {origin}"

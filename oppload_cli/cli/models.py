@@ -17,6 +17,7 @@ from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, detectors, parameters_of
 from oppload_cli.models.timebase import time_params
 from oppload_cli.pipeline.settings import parameter_sets
+from oppload_cli.schema import AUTO
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -163,7 +164,7 @@ def _lines(params: type[Parameters]) -> Iterator[str]:
     width = max([20, *(len(each.name) + 1 for each in params.declared())])
     for entry in _entries(params):
         unit = f" {entry['unit']}" if entry["unit"] else ""
-        default = "auto" if entry["default"] is None else str(entry["default"])
+        default = AUTO if entry["default"] is None else str(entry["default"])
         yield f"{entry['name']:<{width}}{default:>8}{unit:<8} {entry['meaning']}"
 
 

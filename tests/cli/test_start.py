@@ -44,8 +44,10 @@ def test_models_lists_every_parameter_once_defined() -> None:
 
 
 def test_printed_settings_can_be_given_back(tmp_path: Path) -> None:
-    printed = oppload("config", "--preset", "paper", "--set", "opplod.gain=2").stdout
+    words = ("--set", "opplod.gain=2", "--set", "opplod.receptive_field=auto")  # paper has 200
+    printed = oppload("config", "--preset", "paper", *words).stdout
     assert "gain = 2.0  # command line" in printed
+    assert 'receptive_field = "auto"  # command line' in printed
     path = tmp_path / "s.toml"
     path.write_text(printed)
     again = oppload("config", "--config", path).stdout

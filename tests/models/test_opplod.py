@@ -437,8 +437,8 @@ def test_the_paper_to_the_letter_has_no_addition(name: str, value: float) -> Non
         ({"axes": 30}, "must be 0 or 45, not 30"),
         ({"pool_sigma": float("nan")}, "must be a finite number"),
         ({"gain": "much"}, "takes a number, not 'much'"),
-        ({"cell": 2.5}, "takes a whole number or none, not 2.5"),
-        ({"cell": True}, "takes a whole number or none, not true"),
+        ({"cell": 2.5}, "takes a whole number or 'auto', not 2.5"),
+        ({"cell": True}, "takes a whole number or 'auto', not true"),
         ({"units": "5 by 5"}, "'every' or columns x rows"),
         ({"judgement": "pixelwise"}, "'cell' of opplod must be 1 with judgement=pixelwise"),
     ],
@@ -468,7 +468,7 @@ def test_text_becomes_a_value(name: str, text: str, value: object) -> None:
 
 
 def test_text_of_the_wrong_kind() -> None:
-    with pytest.raises(ParameterError, match="takes a whole number or none, not 'wide'"):
+    with pytest.raises(ParameterError, match="takes a whole number or 'auto', not 'wide'"):
         REFERENCE.parsed("cell", "wide")
 
 
