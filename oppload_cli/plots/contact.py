@@ -268,7 +268,8 @@ def _largest_angle(tuning: Tuning) -> float | None:
         field = 2 * half / display.scale
         if display.projection == "perspective":
             field = 2 * math.degrees(math.atan(half / Projection.of(display).eye_px))
-        return float(min([field, *(one["growth"].get("most_deg", 180) for one in first["object"])]))
+        growths = [one["growth"] for one in first["object"] if "growth" in one]
+        return float(min([field, *(growth.get("most_deg", 180) for growth in growths)]))
     except (KeyError, TypeError, AttributeError, StimulusError):
         return None
 

@@ -124,11 +124,12 @@ def test_the_limit_is_drawn_for_either_way_to_give_the_scale(
     """300 px across are 60 degrees; the shorter side of 250 px spans 50."""
     tuning = contact(tmp_path / "a.tuning.csv")
     display = {"width": 300, "height": 250, "projection": "flat", **scale}
-    first = {"display": display, "object": [{"growth": {"most_deg": 180}}]}
-    tuning.sidecar["stimulus"]["first"] = first
-    _, (times, _) = plot_tuning(tuning, "contact")
-    labels = times.get_legend_handles_labels()[1]
-    assert "object fills the display or stops growing: 50 deg" in labels
+    ground, disk = {"kind": "texture"}, {"growth": {"most_deg": 180}}
+    for objects in ([disk], [ground, disk]):
+        tuning.sidecar["stimulus"]["first"] = {"display": display, "object": objects}
+        _, (times, _) = plot_tuning(tuning, "contact")
+        labels = times.get_legend_handles_labels()[1]
+        assert "object fills the display or stops growing: 50 deg" in labels
 
 
 def test_the_limit_of_a_perspective_display_is_that_of_its_shorter_side(tmp_path: Path) -> None:
