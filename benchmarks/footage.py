@@ -282,7 +282,7 @@ def _compared_rows(
         for pair in pairs:
             found, repeats = answers(pair.here)
             told = answers(pair.here, told=pair)[0] if pair.pictures else {}
-            pictures = repeats.pictures_per_s(float(_rate_of(pair.here)))
+            pictures = repeats.pictures_per_s
             for detector, answer in found.items():
                 peak, alarms_s = compared(answer, answers_to(pair.there)[detector])
                 of_told = compared(answer, told[detector])[0] if told else np.nan

@@ -127,7 +127,6 @@ class Analysis:
         self._shape, self._working = (rows, columns), working
         names = ", ".join(detector_of(each).name for each in chosen.params)
         self._about = f"{sizes_in_words(facts, working)}, preset {chosen.preset}, {names}"
-        self._rate = float(facts.frame_rate) if facts.frame_rate else None
         self._luminance = ArrayLuminance(working)
         self._preparation = Preparation(chosen, facts.frame_rate)
         self._detectors = DetectorPass(working, facts.frame_rate, chosen, optics)
@@ -161,14 +160,14 @@ class Analysis:
             If the array has another type, or floating values outside 0 to 1.
         """
         with self._lock:  # the compiled loops of two frames would write into the same memory
-            record = self._step(np.asarray(frame), time_s)
+            record = self._step(frame, time_s)
         if self._detectors.count == _FEW_FRAMES:
             for remark in self._unit_remarks():
                 warnings.warn(remark, stacklevel=2)
         return record
 
-    def _step(self, values: NDArray[Any], time_s: float) -> FrameRecord:
-        count = self._detectors.count
+    def _step(self, frame: NDArray[Any], time_s: float) -> FrameRecord:
+        count, values = self._detectors.count, np.asarray(frame)
         shape, (rows, columns) = self._shape, self._shape
         if values.shape not in {shape, (*shape, 3)}:
             remedies = {
@@ -178,6 +177,11 @@ class Analysis:
                 (3, *shape): "give frame.transpose(1, 2, 0)",
                 (rows * 3 // 2, columns): f"give the luma, which is frame[:{rows}] of NV12 or I420",
             }
+            if not values.shape:
+                raise FrameError(
+                    f"frame {count}: a frame must be an array, not {frame!r:.60}; OpenCV gives "
+                    "None where it could read no frame"
+                )
             another_size = "make another Analysis for frames of another size"
             raise FrameError(
                 f"frame {count}: a frame must be of shape {shape}, with or without an axis of 3 "
@@ -188,7 +192,7 @@ class Analysis:
         number = isinstance(given, Real) and not isinstance(given, np.timedelta64)
         if not number or not math.isfinite(time_s):
             raise FrameError(
-                f"frame {count}: its time must be a finite number of seconds, not {time_s}"
+                f"frame {count}: its time must be a finite number of seconds, not {time_s!r}"
             )
         if not count:
             self._first_s = float(time_s)
@@ -215,7 +219,7 @@ class Analysis:
         'by their times, frames are 33.3 s apart; if that is wrong, give the times in seconds'
         """
         times, repeats = self._preparation.times, self._preparation.repeats
-        pictures = repeats.remarks(times.rate or self._rate)
+        pictures = repeats.remarks()
         if not pictures and repeats.still_s:
             pictures = [f"the picture has stood still for the latest {repeats.still_s:.1f} s"]
         return [*times.remarks(), *self._unit_remarks(), *pictures, *self._working.remarks()]

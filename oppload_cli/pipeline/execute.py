@@ -333,12 +333,6 @@ class _Run:
             verdicts=tuple(each.verdict for each in self._alarms.values()),
         )
 
-    @property
-    def _rate(self) -> float | None:
-        """Frames per second: the measured rate if possible, else the declared one."""
-        declared = self.video.facts.frame_rate
-        return self.video.times.rate or (float(declared) if declared else None)
-
     def _remarks_on_rate(self) -> Iterator[str]:
         facts, name = self.video.facts, self._task.name
         if facts.rate_assumed:
@@ -388,7 +382,7 @@ class _Run:
                 f"has pixels of an aspect of {float(aspect):.4g}, but the field of view is meant "
                 "for square pixels: vertical angles are wrong"
             )
-        remarks += self._repeats.remarks(self._rate)
+        remarks += self._repeats.remarks()
         remarks += self.video.working.remarks()
         silent = [name for name, each in self._summaries.items() if not each.frames]
         if self.frames and silent:
@@ -462,7 +456,7 @@ class _Run:
                 "dropped": decode.dropped,
                 "repeats": self._repeats.exact,
                 "near_repeats": self._repeats.near,
-                "pictures_per_s": self._repeats.pictures_per_s(self._rate),
+                "pictures_per_s": self._repeats.pictures_per_s,
                 "complete": decode.complete,
                 "messages": decode.messages,
             },

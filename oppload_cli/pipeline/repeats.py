@@ -157,18 +157,19 @@ class Repeats:
         self._darkest, self._brightest = 1.0, 0.0
         self._frames = 0
         self._new_s = 0.0  # time of the latest frame that was not an exact repeat
-        self._pictures = self._repeats = 0  # numbers of both in the cadences
+        # The cadences: numbers of pictures and repeats, and the time for which they were shown.
+        self._pictures = self._repeats = 0
+        self._cadence_s = 0.0
 
-    def pictures_per_s(self, frame_rate: float | None) -> float | None:
-        """Return the mean number of new pictures per second in the parts with a cadence.
+    @property
+    def pictures_per_s(self) -> float | None:
+        """Mean number of new pictures per second in the parts with a cadence.
 
-        `frame_rate` is the measured or declared number of frames per second, if known. The result
-        is None if too few frames are repeats in a cadence (a share below `_LEAST_SHARE`).
+        None if too few frames are repeats in a cadence (a share below `_LEAST_SHARE`).
         """
-        few = self._repeats < _LEAST_SHARE * self._frames or not self._repeats
-        if few or not frame_rate:
+        if self._repeats < _LEAST_SHARE * self._frames or not self._cadence_s:
             return None
-        return frame_rate * self._pictures / (self._pictures + self._repeats)
+        return self._pictures / self._cadence_s
 
     @property
     def still_s(self) -> float:
@@ -176,11 +177,8 @@ class Repeats:
         lasted_s = self._before_s - self._new_s
         return lasted_s if lasted_s >= _STILL_S else 0.0
 
-    def remarks(self, frame_rate: float | None) -> list[str]:
-        """Return sentences if all pictures are the same or nearly uniform, or repeat in a cadence.
-
-        `frame_rate` is as for :meth:`pictures_per_s`.
-        """
+    def remarks(self) -> list[str]:
+        """Return sentences if pictures are all the same or nearly uniform, or if they repeat."""
         if self.still_s and self.exact == self._frames - 1:
             return ["all pictures are the same, and nothing can cause an alarm; check the input"]
         remarks = []
@@ -190,11 +188,11 @@ class Repeats:
                 "(black) to 1 (white), too little contrast for an alarm; give pictures that use "
                 "more of this range"
             )
-        pictures = self.pictures_per_s(frame_rate)
-        if pictures is not None and frame_rate is not None:
+        if pictures := self.pictures_per_s:
             about = in_digits(float(f"{pictures:.3g}"))
+            rate = pictures * (1 + self._repeats / self._pictures)
             remarks.append(
-                f"holds about {about} different pictures/s in {in_digits(frame_rate)} frames/s; "
+                f"holds about {about} different pictures/s in {in_digits(rate)} frames/s; "
                 "the repeats are left out"
             )
         return remarks
@@ -237,6 +235,7 @@ class Repeats:
             proofs, lasted = len(self._proofs), len(self._lasted_s)
             self._shown, self._run, self._frames = None, 0, 0
             self._pictures = self._repeats = 0
+            self._cadence_s = 0.0
             found = [self.step(luma, time_s) for luma, time_s in first]
             if len(self._proofs) >= proofs + _ENOUGH:
                 self._proofs = deque(list(self._proofs)[proofs:])
@@ -340,9 +339,12 @@ class Repeats:
             proved &= self._largest.below(self._params.share, change, lenient=True)
             deep = self._largest.below(_DEEP * self._params.share, change, lenient=True)
             self._usual.append(change)
-        if self.is_cadence and (proved or not self._run):
+        # Where frames are dropped the usual frame rate is too high, so the time counts; not pauses.
+        pause = time_s - self._before_s > self._params.longest_s
+        if self.is_cadence and (proved or not self._run) and not pause:
             self._pictures += 1
             self._repeats += self._run
+            self._cadence_s += time_s - (self._since_s if self._run else self._before_s)
         if proved:
             self._proofs.append(_Proof(time_s, self._frames, self._run, deep))
         self._run = 0

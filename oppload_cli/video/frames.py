@@ -265,8 +265,9 @@ class FrameTimes:
             have = "has" if self.wrong == 1 else "have"
             remarks.append(
                 f"{counted(self.wrong, 'frame')} {have} a time that is not later than that of the "
-                f"frame before (the earliest is {self._first_wrong} after the first frame); each "
-                "is taken one usual step after the frame before, and the clock goes on from there"
+                f"frame before (the earliest comes {counted(self._first_wrong, 'frame')} after the "
+                "first one); each is taken one usual step after the frame before, and the clock "
+                "goes on from there"
             )
         rate = self.rate
         if rate is None:

@@ -579,7 +579,9 @@ def test_wrong_frames_one_by_one() -> None:
         (np.zeros((135, 120)), 0.0, FrameError, r"the luma, which is frame\[:90\] of NV12"),
         (np.zeros((90, 120)), np.nan, FrameError, "time must be a finite number"),
         (np.zeros((90, 120)), None, FrameError, "finite number of seconds, not None"),
-        (np.zeros((90, 120)), np.timedelta64(33, "ms"), FrameError, "seconds, not 33 milliseconds"),
+        (np.zeros((90, 120)), np.timedelta64(33, "ms"), FrameError, r"seconds, not .*\(33,'ms'\)"),
+        (np.zeros((90, 120)), "0.5", FrameError, "finite number of seconds, not '0.5'"),
+        (None, 0.0, FrameError, "must be an array, not None; OpenCV"),
         (np.zeros((90, 120), np.int64), 0.0, SourceError, "type is int64"),
         (np.full((90, 120), 200.0), 0.0, SourceError, "frame 0 holds values outside"),
     ):

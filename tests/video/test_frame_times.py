@@ -43,8 +43,8 @@ def test_equal_and_backward_times_follow_by_a_step() -> None:
     assert found == pytest.approx([0, 0.04, 0.08, 0.12, 0.16, 0.2])
     (note,) = kept.remarks()
     assert note.startswith(
-        "2 frames have a time that is not later than that of the frame before (the earliest is 2 "
-        "after the first frame)"
+        "2 frames have a time that is not later than that of the frame before (the earliest comes "
+        "2 frames after the first one)"
     )
     assert kept.as_dict()["not_after_the_one_before"] == 2
 
