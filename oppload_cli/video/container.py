@@ -89,6 +89,10 @@ if av.logging.get_level() is None:  # PyAV counts the decoders' errors only if a
     av.logging.set_level(av.logging.PANIC)  # this level prints no error
     # Otherwise threads of a decoder that was never closed would wait for the ended interpreter.
     atexit.register(av.logging.set_level, None)
+_RTP_ADVICE = (
+    "try ffmpeg -protocol_whitelist file,rtp,udp -i FILE.sdp -c copy -f matroska - | "
+    "oppload run /dev/stdin"
+)
 # These formats list other files; oppload opens only the file that the user named.
 _PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
@@ -222,12 +226,14 @@ class ContainerSource(PictureSource):
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
             advice = "check the address" if self._remote else "check the file, or convert it"
-            reason = reason_of(error)
+            reason, log = reason_of(error), str(getattr(error, "log", None))
             # At the time limit FFmpeg gives ExitError, or for RTSP another error.
             if self._remote and monotonic() - began_s >= _OPEN_TIMEOUT_S:
                 reason = f"no video came within {_OPEN_TIMEOUT_S:g} s"
-            elif "moov atom not found" in str(getattr(error, "log", None)):
+            elif "moov atom not found" in log:
                 reason = "it lacks the index of an MP4, as after an unfinished recording or copy"
+            elif "SDP file" in log or "'rtp' not on whitelist" in log:
+                reason, advice = "RTP needs an SDP file and a pipe", _RTP_ADVICE
             raise SourceError(
                 f"{self.name}: not a video that can be read ({reason}); {advice}"
             ) from error

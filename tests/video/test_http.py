@@ -1,16 +1,18 @@
-"""Videos over HTTP, from a server on this machine that states a length, or none."""
+"""Videos over HTTP, from a server on this machine that states a length, or none; RTP."""
 
 from __future__ import annotations
 
+import socket
 import sys
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
+from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 import cv2
 import pytest
 
+from oppload_cli.errors import SourceError
 from oppload_cli.video import container
 from oppload_cli.video.source import open_video
 from tests.cli.inside import oppload
@@ -134,3 +136,32 @@ def test_no_result_and_no_message_holds_a_login(
     assert {each.name.partition(".frames")[0] for each in written} >= {stem}
     texts = [done.stderr, again.stderr, *(f"{each} {each.read_text()}" for each in written)]
     assert not any("s3cr" in text or "t9" in text for text in texts)
+
+
+def test_rtp_that_needs_a_description_is_explained(tmp_path: Path) -> None:
+    """FFmpeg says only "invalid data" of an SDP file, and of packets that one has to describe."""
+    description = tmp_path / "a.sdp"
+    description.write_text(
+        "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=a\nc=IN IP4 127.0.0.1\nt=0 0\n"
+        "m=video 9 RTP/AVP 96\na=rtpmap:96 H264/90000\n"
+    )
+    packet = bytes([0x80, 96, *range(10)]) + bytes(100)  # 96: a type that a description explains
+    done = Event()
+    with socket.socket(type=socket.SOCK_DGRAM) as sender, socket.socket(type=2) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+        free.close()
+
+        def send() -> None:
+            while not done.wait(0.01):
+                sender.sendto(packet, ("127.0.0.1", port))
+
+        sending = Thread(target=send)
+        sending.start()
+        try:
+            for name in (str(description), f"rtp://127.0.0.1:{port}"):
+                with pytest.raises(SourceError, match=r"RTP needs an SDP file .* -c copy -f matr"):
+                    open_video(name)
+        finally:
+            done.set()
+            sending.join()
