@@ -170,9 +170,11 @@ def _frame(name: str, row: dict[str, str], column: str) -> int:
     text = row[column]
     if not text:
         raise _RowError(f"{name}: is labelled {_LOOMING} but has no {column}; fill it in")
-    if not re.fullmatch(r"[0-9]{1,9}", text):
+    # pandas writes 44.0 if other rows of the column have no number.
+    number = re.fullmatch(r"([0-9]{1,9})(?:\.0+)?", text)
+    if not number:
         raise _RowError(f"{name}: {column} must be a whole number from 0, not '{text}'")
-    return int(text)
+    return int(number[1])
 
 
 def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:

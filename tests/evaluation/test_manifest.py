@@ -34,7 +34,7 @@ def written(folder: Path, *rows: str, header: str = HEADER) -> Path:
 def test_the_rows_of_a_manifest(folder: Path) -> None:
     path = written(
         folder,
-        "a.avi, looming ,12,40,,30,100,8,6,somebody,MIT",
+        "a.avi, looming ,12,40.0,,30,100,8,6,somebody,MIT",
         "",
         '"b.avi",none,,,"translating, fast",,,,,,',
         header=f"\ufeff{HEADER},motion,fps,frames,width,height,source,licence",
