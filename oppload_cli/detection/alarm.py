@@ -216,8 +216,8 @@ class Cuts:
         before_s = self._steps.before_s
         least_s = max(self._params.hold_s, self._params.blind_s)
         is_gap = self._steps.gap_s(time_s) > least_s + ROUNDING_S
-        if change is None:
-            return ""
+        if change is None:  # a detector may respond to the first frame too
+            return "start" if self._params.cut_ratio and self._params.blind_s else ""
         while len(self._changes) > self.LEAST_KEPT and self._changes[0][0] < time_s - self.MEMORY_S:
             self._changes.popleft()
         if cause := "gap" if is_gap else self._cause_in(photoreceptors, change):

@@ -186,7 +186,7 @@ def test_the_details_show_why_an_alarm_did_or_did_not_come(tmp_path: Path) -> No
     done = oppload("run", path, "-o", tmp_path, "--columns", "all", "--no-rmo")
     assert done.returncode == 0
     table = rows_of(tmp_path / "loom.frames.csv")
-    assert [row["blind"] for row in table] == ["", *["start"] * 10, *[""] * 15]
+    assert [row["blind"] for row in table] == [*["start"] * 11, *[""] * 15]
     near = 0
     for row in table[3:]:
         contact_s = float(row["opplod_time_to_contact_s"] or 9)

@@ -591,7 +591,9 @@ def test_wrong_frames_one_by_one() -> None:
     assert analysis.step(np.zeros((90, 120)), 5.0).time_s == 0  # the wrong frames did not count
 
 
-@pytest.mark.parametrize(("still", "blind_s"), [(0, [0.1, 0.2, 0.3]), (1, [0.2, 0.3, 0.4, 0.5])])
+@pytest.mark.parametrize(
+    ("still", "blind_s"), [(0, [0, 0.1, 0.2, 0.3]), (1, [0, 0.2, 0.3, 0.4, 0.5])]
+)
 def test_the_start_at_ten_frames_per_second(still: int, blind_s: list[float]) -> None:
     """After the first frame 0.345 s are blind; after a still picture, from 1/30 s before motion."""
     analysis = Analysis((60, 80), rate=10, height=60)
