@@ -183,6 +183,11 @@ def is_camera(name: str) -> bool:
     return name.startswith("camera:")
 
 
+def is_live(name: str) -> bool:
+    """Return whether a name means a camera or a stream, whose pictures come at their own pace."""
+    return "://" in name or is_camera(name)
+
+
 def is_image_file(name: str) -> bool:
     """Return whether a name is that of a single image file."""
     return _suffix(name) in IMAGE_SUFFIXES and is_file(name)
@@ -276,12 +281,12 @@ def _with_hash(stem: str, name: str) -> str:
 
 def _path_bytes(name: str) -> bytes:
     # `Path.resolve` would raise an error for a link to itself.
-    path = name if "://" in name or is_camera(name) else os.path.realpath(name)
+    path = name if is_live(name) else os.path.realpath(name)
     return path.encode("utf-8", "surrogateescape")
 
 
 def _stem(name: str) -> str:
-    if "://" in name or is_camera(name):
+    if is_live(name):
         address = without_login(name).partition("?")[0]
         return re.sub(r"[^A-Za-z0-9.]+", "-", address).strip("-.")
     if is_folder(name):
