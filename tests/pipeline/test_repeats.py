@@ -447,8 +447,8 @@ def test_frames_that_are_dropped_hold_no_pictures() -> None:
         repeats.step(pictures[k // 2], k / 60)
     assert repeats.pictures_per_s == pytest.approx(24, abs=0.5)  # 8 pictures in 20 frames
     assert "pictures/s in 30 frames/s" in repeats.remarks()[0]
-    repeats.step(pictures[90], 100)  # a pause is no part of the cadence
-    repeats.step(pictures[89], 100.1)
+    repeats.step(pictures[90], 4.0)  # a pause is no part of the cadence
+    repeats.step(pictures[89], 4.1)
     assert repeats.pictures_per_s == pytest.approx(24, abs=0.5)
 
 
