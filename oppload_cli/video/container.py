@@ -6,6 +6,7 @@ import atexit
 import errno
 import math
 from collections import deque
+from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from itertools import chain
@@ -89,6 +90,7 @@ if av.logging.get_level() is None:  # PyAV counts the decoders' errors only if a
     av.logging.set_level(av.logging.PANIC)  # this level prints no error
     # Otherwise threads of a decoder that was never closed would wait for the ended interpreter.
     atexit.register(av.logging.set_level, None)
+_LFS_POINTER = b"version https://git-lfs"  # such a file stands for one that was not fetched
 _RTP_ADVICE = (
     "try ffmpeg -protocol_whitelist file,rtp,udp -i FILE.sdp -c copy -f matroska - | "
     "oppload run /dev/stdin"
@@ -250,6 +252,14 @@ class ContainerSource(PictureSource):
             raise cannot_read(self.name, error) from error
         if path.is_file() and size == 0:
             raise SourceError(f"{self.name}: the file is empty; copy or record it again")
+        if path.is_file():
+            # If the file cannot be read, opening the video raises the error.
+            with suppress(OSError), path.open("rb") as file:
+                if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
+                    raise SourceError(
+                        f"{self.name}: is a pointer of Git LFS, not the video itself; fetch the "
+                        "video with git lfs pull"
+                    )
 
     def _video_stream(self, container: InputContainer) -> VideoStream:
         if not self._remote and container.format.name in _PLAYLISTS:

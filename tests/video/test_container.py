@@ -587,6 +587,7 @@ def test_a_picture_of_many_bits_counts_as_more_pixels(
     [
         (None, "no such file"),
         (b"", "the file is empty"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:1\n", "is a pointer of Git LFS"),
         (b"this is a shopping list\n" * 50, "not a video that can be read"),
     ],
 )
