@@ -77,7 +77,7 @@ _JUMP_S = 1.0  # of the time where two transport streams were joined
 # Packets of these containers have only decode times. From them FFmpeg computes presentation times,
 # which are wrong for H.264 with B-frames or gaps. But each decoded frame also carries the decode
 # time of the last packet that it needed. These times increase by the durations of the frames.
-_DECODE_TIMES = {"avi", "mxf"}
+_DECODE_TIMES = {"asf", "avi", "mxf"}
 # MPEG-4 does not code a picture that equals the one before, and gives no frame for its few bytes.
 _NOT_CODED_BYTES = 19  # at most, as FFmpeg has it
 _HELD_BACK = 4  # most frames by which video codecs change the order of frames in practice

@@ -206,6 +206,7 @@ TICKS = {
         *(("avi", coded, ticks) for coded in CODED for ticks in ("even", "gap")),
         *(("avi", coded, "fine") for coded in CODED if "mpeg2" not in coded),
         *(("mxf", coded, "even") for coded in CODED if "mpeg4" not in coded),
+        *(("wmv", coded, "even") for coded in CODED),
     ],
 )
 def test_times_of_files_that_carry_decode_times_alone(
@@ -225,9 +226,10 @@ def test_times_of_files_that_carry_decode_times_alone(
         options=options,
     )
     with open_video(path, threads=threads) as video:
-        assert [frame.time_s * rate for frame in video] == pytest.approx(times, abs=1e-6)
+        rounding = 0.04 if suffix == "wmv" else 1e-6  # WMV has times in milliseconds
+        assert [frame.time_s * rate for frame in video] == pytest.approx(times, abs=rounding)
         assert video.decode.complete
-        assert video.facts.frame_rate == 30
+        assert video.facts.frame_rate == pytest.approx(30, rel=rounding)
         assert video.times.remarks() == []
 
 
