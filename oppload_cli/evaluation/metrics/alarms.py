@@ -269,14 +269,13 @@ def _measurements(
 
         counted = of_kind & ~np.isnan(outcomes.false_alarms)
         estimate = found(per_minute)
-        if estimate.low == estimate.high:  # all draws agree: the bootstrap gives no interval
-            footage = float(minutes[counted].sum())
-            bounds = rate_interval(float(np.nansum(outcomes.false_alarms[counted])), footage)
-            estimate = Estimate(estimate.value, *bounds)
+        events, footage = np.nansum(outcomes.false_alarms[counted]), minutes[counted].sum()
+        bounds = rate_interval(float(events), float(footage), estimate.low, estimate.high)
         yield Measurement(
             detector,
             "false_alarms_per_minute",
             f"{condition}, {kind}" if kind else condition,
-            *estimate,
+            estimate.value,
+            *bounds,
             int((counted & (minutes > 0)).sum()),
         )

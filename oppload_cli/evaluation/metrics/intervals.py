@@ -103,19 +103,21 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
     count : int
         Number of outcomes. Each may itself be a share.
     low, high : float
-        The interval of the bootstrap.
+        The interval of the bootstrap; NaN if it has none.
 
     Returns
     -------
     tuple of float
         At least the interval of Clopper and Pearson (1934, Biometrika 26:404) for a share of 0 or
-        1, and if `low` and `high` are equal, as those of a single clip; else `low` and `high`.
+        1, and if the bootstrap has none, as for a single clip; else `low` and `high`. NaN for a
+        share of NaN.
     """
     tail = (100 - LEVEL) / 200
     if share in {0.0, 1.0}:
         reach = tail ** (1 / count)
-        return (min(low, reach), 1.0) if share else (0.0, max(high, 1 - reach))
-    if low != high:
+        # Without NaN of a bootstrap that has no interval.
+        return (float(np.fmin(low, reach)), 1) if share else (0, float(np.fmax(high, 1 - reach)))
+    if not math.isnan(low) or math.isnan(share):
         return low, high
     # An outcome that is a share itself counts as 0 for the lower bound and as 1 for the upper one.
     least, most = math.floor(share * count + 1e-9), math.ceil(share * count - 1e-9)
@@ -140,28 +142,33 @@ def _at_least(least: int, count: int, chance: float) -> float:
     return math.fsum(map(math.exp, logs))
 
 
-def rate_interval(events: float, minutes: float) -> tuple[float, float]:
-    """Return the interval of the rate of independent events, in events per minute.
+def rate_interval(events: float, minutes: float, low: float, high: float) -> tuple[float, float]:
+    """Widen the bootstrap's interval of a rate if no event was seen or all draws agree.
 
     Parameters
     ----------
     events : float
         Number of events, at least 0.
     minutes : float
-        The time in which they were counted, above 0.
+        The time in which they were counted; 0 if there was none.
+    low, high : float
+        The interval of the bootstrap, in events per minute; NaN if it has none.
 
     Returns
     -------
     tuple of float
-        Without an event from 0 to 3 / `minutes` (the rule of three), else the exact interval of a
-        Poisson process (Garwood 1936, Biometrika 28:437).
+        Without an event from 0 to at least 3 / `minutes` (the rule of three). With events, but
+        without an interval of the bootstrap, the exact interval of a Poisson process (Garwood 1936,
+        Biometrika 28:437); else `low` and `high`.
     """
-    if not events:
-        return 0.0, RULE_OF_THREE / minutes
+    if minutes and not events:
+        return 0.0, float(np.fmax(high, RULE_OF_THREE / minutes))
+    if not minutes or not math.isnan(low):
+        return low, high
     tail = (100 - LEVEL) / 200
-    low = _reaching(lambda mean: 1 - _poisson(int(events) - 1, mean), tail)
-    high = _reaching(lambda mean: 1 - _poisson(int(events), mean), 1 - tail)
-    return low / minutes, high / minutes
+    least = _reaching(lambda mean: 1 - _poisson(int(events) - 1, mean), tail)
+    most = _reaching(lambda mean: 1 - _poisson(int(events), mean), 1 - tail)
+    return least / minutes, most / minutes
 
 
 def _poisson(most: int, mean: float) -> float:
@@ -184,7 +191,8 @@ def _reaching(probability: Callable[[float], float], wanted: float) -> float:
 def interval(values: Numbers) -> tuple[float, float]:
     """Return the bounds of the central 95 % of values, of which there is one for each draw.
 
-    NaN counts as no value. The bounds are NaN if fewer than half of the draws have a value.
+    NaN counts as no value. The bounds are NaN if fewer than half of the draws have a value, and if
+    they are equal: draws that agree do not say how far the value may be from the true one.
     """
     known = values[~np.isnan(values)]
     if 2 * len(known) < len(values) or not len(known):
@@ -192,7 +200,7 @@ def interval(values: Numbers) -> tuple[float, float]:
     tail = (100 - LEVEL) / 2
     # Without interpolation, because ratios may be infinite.
     low, high = np.percentile(known, [tail, 100 - tail], method="nearest")
-    return float(low), float(high)
+    return (float("nan"), float("nan")) if low == high else (float(low), float(high))
 
 
 def weighted_mean(values: Numbers, weights: Weights) -> float:

@@ -273,7 +273,7 @@ def test_outcomes_that_all_agree_are_not_certain(
     share: float, count: int, expected: tuple[float, float]
 ) -> None:
     """The exact interval of Clopper and Pearson, from scipy.stats.beta."""
-    assert share_interval(share, count, share, share) == pytest.approx(expected, abs=5e-4)
+    assert share_interval(share, count, np.nan, np.nan) == pytest.approx(expected, abs=5e-4)
     assert share_interval(0.5, 2, 0.4, 0.6) == (0.4, 0.6)
 
 
@@ -286,10 +286,23 @@ def test_the_bootstrap_may_give_a_share_a_wider_interval() -> None:
 
 @pytest.mark.parametrize("events_seen", [1, 2, 5, 40])
 def test_the_interval_of_a_rate_is_that_of_garwood(events_seen: int) -> None:
-    low, high = rate_interval(events_seen, 2.0)
+    low, high = rate_interval(events_seen, 2.0, np.nan, np.nan)
     expected = chdtri(2 * events_seen, 0.975), chdtri(2 * events_seen + 2, 0.025)  # of chi-square
     assert [low, high] == pytest.approx([each / 4 for each in expected], rel=1e-6)
-    assert rate_interval(0, 2.0) == (0, 1.5)
+    assert rate_interval(events_seen, 2.0, 0.4, 0.6) == (0.4, 0.6)
+
+
+def test_no_false_alarm_has_at_least_the_upper_bound_of_the_rule_of_three() -> None:
+    assert rate_interval(0, 2.0, np.nan, np.nan) == (0, 1.5)
+    assert rate_interval(0, 2.0, 0, 1.4) == (0, 1.5)
+    assert rate_interval(0, 2.0, 0, 1.6) == (0, 1.6)
+    assert np.isnan(rate_interval(0, 0, np.nan, np.nan)).all()
+    # All clips have the threshold 2, above which "b" never is; draws without "a" have a lower one.
+    quiet = {"a": {100: 5.0}, "b": {100: 2.0}, "c": {}}
+    clips = [clip(peaks(603, at), motion=kind) for kind, at in quiet.items()]
+    found = Thresholds(clips, NAME).at_rate(0.4, draws_of([False] * 3, 400)).measurements
+    of_kind = next(each for each in found if each.condition.endswith(", b"))
+    assert [of_kind.value, of_kind.low, of_kind.high] == pytest.approx([0, 0, 3])
 
 
 def test_one_clip_gives_a_rate_an_interval() -> None:
@@ -309,8 +322,7 @@ def test_intervals_hold_the_truth_nearly_as_often_as_they_say(clips: int) -> Non
             found = (random.random(clips) < share).astype(float)
             bounds = share_interval(found.mean(), clips, *interval(draws @ found / clips))
             events = random.poisson(rate * minutes / clips, clips).astype(float)
-            low, high = interval(draws @ events / minutes)
-            if low == high:
-                low, high = rate_interval(events.sum(), minutes)
+            seen = interval(draws @ events / minutes)
+            low, high = rate_interval(events.sum(), minutes, *seen)
             held += bounds[0] <= share <= bounds[1], low <= rate <= high
         assert all(held >= 80)
