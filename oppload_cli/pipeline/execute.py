@@ -175,7 +175,8 @@ def _write_files(run: _Run, writing: Writing, csv: Path) -> None:
 def _rows_kept(which: str, table: Path) -> str:
     """Return a text with the number of rows in a table; empty if the table no longer exists."""
     with suppress(OSError):
-        return f"{which} {rows_in(table)} rows are in {table}"
+        rows = rows_in(table)
+        return f"{which} {rows} rows are in {table}" if rows != 1 else f"one row is in {table}"
     return ""
 
 

@@ -280,6 +280,8 @@ def find(wanted: str) -> list[Entry]:
     StimulusError
         If no name fits (the message suggests the nearest one), or if part of a name fits several.
     """
+    if not isinstance(wanted, str):
+        raise StimulusError(f"a stimulus must be a name or a path, not {wanted!r:.60}")
     file, toml, member = wanted.partition(".toml")
     if toml and (not member or member.startswith("/")):
         return [_of_file(read_entry(Path(file + toml)), member)]

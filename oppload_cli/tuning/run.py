@@ -164,7 +164,7 @@ def tuning_sidecar(
     doubts : sequence of Doubt
         The reasons why curves mean little; figures show them.
     """
-    entry, settings = sweep.entry, sweep.settings
+    entry, settings = sweep.entry.with_changes_described(), sweep.settings
     first = entry.protocols()[0]
     video = StimulusVideo(first, settings.height)
     height = min(video.working.shape)

@@ -69,8 +69,14 @@ def test_another_program_sees_each_row_at_once(
         (KeyboardInterrupt(), Interrupted, True),
     ],
 )
+@pytest.mark.parametrize(("last", "rows"), [(4, "the first 5 rows are"), (0, "one row is")])
 def test_a_bug_removes_the_rows_and_other_errors_name_them(
-    tmp_path: Path, error: BaseException, raised: type[BaseException], kept: bool
+    tmp_path: Path,
+    error: BaseException,
+    raised: type[BaseException],
+    kept: bool,
+    last: int,
+    rows: str,
 ) -> None:
     video = write_video(tmp_path / "a.avi", grey_frames(12, width=64, height=48))
     settings = resolve(models=["opplod"], measure_rmo=False, height="24")
@@ -78,15 +84,15 @@ def test_a_bug_removes_the_rows_and_other_errors_name_them(
     task = Task(str(video), settings, outputs)
 
     def fail(record: FrameRecord) -> None:
-        """Raise the error after five frames, as a user's own detector may."""
-        if record.frame == 4:
+        """Raise the error after a frame, as a user's own detector may."""
+        if record.frame == last:
             raise error
 
     with pytest.raises(raised) as found:
         run_task(task, on_frame=fail)
     left = sorted(path.name for path in outputs.csv.parent.iterdir())
     assert left == (["a.detections.jsonl.part", "a.frames.csv.part"] if kept else [])
-    named = f"the first 5 rows are in {outputs.csv}.part"
+    named = f"{rows} in {outputs.csv}.part"
     assert (named in str(found.value)) == kept
     if kept:
         with pytest.raises(OpploadError, match="exists already"):

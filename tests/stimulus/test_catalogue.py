@@ -182,6 +182,8 @@ def test_nothing_found_suggests_the_nearest() -> None:
         stimulus.find("zzz*")
     with pytest.raises(StimulusError, match="is 12 stimuli; name one of them"):
         stimulus.load("klapoetke2017/bar-expand-10")
+    with pytest.raises(StimulusError, match="must be a name or a path, not 42"):
+        stimulus.load_all(42)  # type: ignore[arg-type]
 
 
 def test_settings() -> None:

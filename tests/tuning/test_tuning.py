@@ -484,6 +484,10 @@ def test_frames_of_the_motion_decide_whether_a_stimulus_is_symmetric(
     entry = swept(stimulus, []).with_settings({f"timing.{pause}": 4})
     content = tuning_sidecar(Sweep(entry, resolve()), command=[])
     assert content["stimulus"]["symmetric"] is symmetric
+    # The text of the catalogue may contradict the changes.
+    changed = f"(changed: timing.{pause} = 4)"
+    for described in (content["stimulus"], content["stimulus"]["first"]):
+        assert described["description"].endswith(changed)
 
 
 def test_with_an_indicator_a_faint_response_is_no_doubt() -> None:
