@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 _SCHEMA = "oppload.benchmark/1"
 _LEAST, _MOST = 1e-3, 10.0  # widest range of the shades, in responses to the looming disk
+_LEAST_ROWS = 5  # the figure is at least as high, so that the numbers at its colour bar are apart
 _ROWS_FOR_LABEL = 6  # from this number of rows on, the colour bar is high enough for its long label
 _SIDECAR = "benchmark.json"
 _FILES = ("stimuli.csv", "summary.csv", _SIDECAR, "benchmark.html")
@@ -230,7 +231,8 @@ def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
     values = np.array([[cell.over_loom for cell in row] for row in cells])
     least, most = _limits(values)
     width = min(PAGE, 2.4 + 0.26 * len(labels) + 0.9)
-    with styled_figure(width, 1.35 + 0.17 * len(names) + 0.35) as figure:
+    rows = max(len(names), _LEAST_ROWS)
+    with styled_figure(width, 1.35 + 0.17 * rows + 0.35) as figure:
         axes = figure.subplots()
         norm = LogNorm(least, most)
         shades = axes.imshow(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.errors import SourceError
+from oppload_cli.errors import SourceError, counted
 from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE
 from oppload_cli.evaluation.plots import PLOTS
@@ -91,6 +91,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         intervals=INTERVALS,
         full_label=full_label,
         number=number,
+        counted=counted,
         nothing=NO_VALUE,
         strip_size=(_WIDTH, _HEIGHT),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.transforms import blended_transform_factory
 
 from oppload_cli.errors import counted
 from oppload_cli.evaluation.detectors import full_label
@@ -12,10 +13,10 @@ from oppload_cli.evaluation.metrics.alarms import AT_ONE, RATES
 from oppload_cli.evaluation.metrics.clips import AHEAD
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.registry import detectors
-from oppload_cli.plots.style import DASHES, FAINT, INK, plain, styled_figure
+from oppload_cli.plots.style import DASHES, FAINT, INK, plain, styled_figure, width_em, wrapped
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -29,11 +30,14 @@ if TYPE_CHECKING:
 
 # Of detectors under these presets, from Okabe and Ito's palette.
 _COLOURS = {"reference": "#009E73", "paper": "#CC79A7"}
-_SIZE = 4.8, 3.5  # inches
+_SIZE = 4.8, 3.5  # inches, for up to 8 detectors
+_ROW, _ROWS = 0.2, 8  # inches by which the figure grows for each further detector
+_LEGEND_EM, _HANDLE_EM = 52, 4.8  # width of the legend and of what is beside a label, in its font
 _HIGHEST_RATE = 6.0  # false alarms per minute at the end of the axis
 _SHOWN = 1.6  # the axis of false alarms ends at this multiple of the highest rate
 _APART = 0.09  # of two points with equal lead times, in rows
 _REACH = 0.42  # of the points of a detector above and below its row
+_LABEL = 26  # characters in a line of a label: three columns of them fit below a plot
 _SHARES: dict[str, Any] = {"xlim": (-0.01, 1.01), "ylim": (0, 1.02)}  # limits for two shares
 
 
@@ -42,7 +46,8 @@ def _detection(axes: Axes, performances: Performances) -> None:
         axes.axvline(rate, color=FAINT, lw=0.7, linestyle=":")
     for each, look in _looks(performances):
         rates, detected = _detection_curve(each)
-        axes.step(rates, detected, where="post", **look)
+        if len(rates):
+            axes.step(rates, detected, where="post", **look)
     axes.set(xlim=(0, _HIGHEST_RATE), ylim=(-0.02, 1.02), title="detection by one fixed threshold")
     axes.set_xlabel("false alarms per minute of footage without an approach")
     axes.set_ylabel("share of approaches detected")
@@ -126,6 +131,8 @@ def _leads(axes: Axes, performances: Performances) -> None:
     axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel="time before contact (s)")
     axes.margins(x=0.03)
     axes.set_xlim(left=-0.02)
+    if not any(len(line.get_xdata()) for line in axes.lines):  # type: ignore[arg-type]
+        _say(axes, "no approach detected")
     axes.set_title("lead at 1 false alarm per minute (bar: median)")
 
 
@@ -172,7 +179,7 @@ def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
 def _looks(performances: Performances) -> Iterator[tuple[Performance, dict[str, Any]]]:
     """Yield each performance with the label, colour and dashes of its line."""
     for index, (name, each) in enumerate(performances.items()):
-        look = {"label": plain(full_label(name)), "color": _colour_of(name), "lw": 1.2}
+        look = {"label": wrapped(full_label(name), _LABEL), "color": _colour_of(name), "lw": 1.2}
         yield each, {**look, "ls": DASHES[index % len(DASHES)]}
 
 
@@ -185,17 +192,39 @@ def _colour_of(full_name: str) -> str:
 
 
 def _legend(axes: Axes) -> None:
-    """Draw the legend below the axes, where it covers nothing."""
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.2), ncols=3)
+    """Draw the legend below the axes, where it covers nothing; axes without a curve say why."""
+    labels = axes.get_legend_handles_labels()[1]
+    if labels:
+        # In the middle of the figure, so that it may be as wide.
+        across = blended_transform_factory(axes.figure.transFigure, axes.transAxes)
+        axes.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.2), bbox_transform=across,
+            ncols=_columns(labels),
+        )  # fmt: skip
+    else:
+        _say(axes, "no approach, or no footage without one")
+
+
+def _columns(labels: Sequence[str]) -> int:
+    """Return in how many columns, at most three, a legend is not wider than the figure."""
+    widths = [max(map(width_em, label.splitlines())) + _HANDLE_EM for label in labels]
+
+    def wide(columns: int) -> float:
+        return sum(max(each, default=0.0) for each in np.array_split(widths, columns))
+
+    return next((each for each in (3, 2) if wide(each) <= _LEGEND_EM), 1)
+
+
+def _say(axes: Axes, words: str) -> None:
+    # The white ground parts the words from lines.
+    ground = {"facecolor": "white", "edgecolor": "none", "pad": 2}
+    axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", color=FAINT, bbox=ground)
 
 
 def _say_if_empty(axes: Axes, words: str) -> None:
     """Write words into axes whose bars all have no length, or an unknown one."""
     if not any(np.nan_to_num(bar.get_bbox().size).all() for bar in axes.patches):  # type: ignore[attr-defined]
-        # The white ground parts the words from the lines of intervals.
-        ground = {"facecolor": "white", "edgecolor": "none", "pad": 2}
-        axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", color=FAINT, bbox=ground)
+        _say(axes, words)
 
 
 # By file name, the caption of each plot and the function that draws it.
@@ -225,7 +254,8 @@ PLOTS: dict[str, tuple[str, Callable[[Axes, Performances], None]]] = {
 
 def figure_of(plot: str, performances: Performances) -> Figure:
     """Return one of the `PLOTS`; `performances` has the order of the legend."""
-    with styled_figure(*_SIZE) as figure:
+    width, height = _SIZE
+    with styled_figure(width, height + _ROW * max(0, len(performances) - _ROWS)) as figure:
         _, draw = PLOTS[plot]
         draw(figure.subplots(), performances)
     return figure

@@ -322,7 +322,7 @@ def wrapped(text: str, width: int) -> str:
     while True:
         parts = (textwrap.wrap(line, width, break_on_hyphens=True) for line in text.splitlines())
         lines = [escaped(each.replace("\xa0", " ")) for part in parts for each in part]
-        if width <= _LEAST_WIDTH or max(map(_width_em, lines), default=0) <= most:
+        if width <= _LEAST_WIDTH or max(map(width_em, lines), default=0) <= most:
             break
         width -= 1
     return plain("\n".join(lines))
@@ -334,7 +334,7 @@ def plain(text: str) -> str:
 
 
 @cache
-def _width_em(line: str) -> float:
+def width_em(line: str) -> float:
     """Return the width of a line in the font of the figures, over the size of the font."""
     font = FontProperties(family=_STYLE["font.family"], size=100)
     with _known_glyphs():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 from contextlib import contextmanager
 from dataclasses import replace
@@ -281,6 +282,12 @@ def test_the_shades_end_at_the_responses() -> None:
     panel, bar = figure.axes
     assert panel.images[0].get_clim() == (0.5, 1.0)
     assert bar.get_ylabel() == "response / disk"
+    wide = Benchmark(shown([(LOOMING, 4.0, 1), (CONTROL, 0.1, 0)]), chosen_detectors(["lgmd2"]))
+    figure = _drawn(wide, TABLES[0])
+    _, bar = figure.axes
+    figure.draw_without_rendering()
+    numbers = [label.get_window_extent() for label in bar.get_yticklabels()]
+    assert not any(first.overlaps(second) for first, second in itertools.pairwise(numbers))
     assert _limits(np.array([0.0, np.inf, 50, 2e-4])) == (1e-3, 10.0)
     assert _limits(np.array([1.0, 1.0])) == (0.5, 1.0)
     assert _limits(np.array([0.0])) == (1e-3, 2e-3)

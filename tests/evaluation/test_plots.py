@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,7 @@ CLIPS = [
     clip(peaks(603, {100: 3.0, 200: 1.5}), motion="still"),
     clip(peaks(603, {100: 0.5}), motion="walking"),
 ]
+NO_CURVE = "no approach, or no footage without one"
 MEASURED = {NAME: measured(CLIPS, NAME, draws_of([True, True, False, False], 100))}
 
 
@@ -104,8 +106,11 @@ def test_many_equal_leads_stay_in_the_row_of_their_detector() -> None:
 @pytest.mark.parametrize(
     ("clips", "words"),
     [
-        ([clip([0.0] * 100)], ["no pair of windows", "no false alarm"]),
-        ([clip([0.0] * 100, 0, 90)], ["no false alarm"]),
+        (
+            [clip([0.0] * 100)],
+            [*[NO_CURVE] * 3, "no pair of windows", "no approach detected", "no false alarm"],
+        ),
+        ([clip([0.0] * 100, 0, 90)], [*[NO_CURVE] * 3, "no approach detected", "no false alarm"]),
     ],
 )
 def test_plots_without_approaches_or_false_alarms_say_so(
@@ -118,6 +123,22 @@ def test_plots_without_approaches_or_false_alarms_say_so(
         figure.draw_without_rendering()
         said += [text.get_text() for axes in figure.axes for text in axes.texts]
     assert said == words
+
+
+@pytest.mark.parametrize("plot", PLOTS)
+def test_many_detectors_and_a_long_name_fit_into_a_plot(plot: str) -> None:
+    names = [f"a_detector_of_ours_{number}" for number in range(22)]
+    names.append("a_detector_with_a_name_of_many_words_that_would_push_the_others_out")
+    figure = figure_of(plot, dict.fromkeys(names, MEASURED[NAME]))
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    legend, edge = axes.get_legend(), figure.bbox
+    if legend is not None:
+        box = legend.get_window_extent()
+        assert edge.x0 <= box.x0
+        assert box.x1 <= edge.x1
+    labels = [label.get_window_extent() for label in axes.get_yticklabels()][: len(names) - 1]
+    assert not any(first.overlaps(second) for first, second in itertools.pairwise(labels))
 
 
 def test_words_of_an_empty_plot_are_not_crossed_by_intervals() -> None:

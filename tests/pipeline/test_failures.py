@@ -69,13 +69,12 @@ def test_another_program_sees_each_row_at_once(
         (KeyboardInterrupt(), Interrupted, True),
     ],
 )
-@pytest.mark.parametrize(("last", "rows"), [(4, "the first 5 rows are"), (0, "one row is")])
+@pytest.mark.parametrize("rows", ["the first 5 rows are", "one row is"])
 def test_a_bug_removes_the_rows_and_other_errors_name_them(
     tmp_path: Path,
     error: BaseException,
     raised: type[BaseException],
     kept: bool,
-    last: int,
     rows: str,
 ) -> None:
     video = write_video(tmp_path / "a.avi", grey_frames(12, width=64, height=48))
@@ -84,8 +83,8 @@ def test_a_bug_removes_the_rows_and_other_errors_name_them(
     task = Task(str(video), settings, outputs)
 
     def fail(record: FrameRecord) -> None:
-        """Raise the error after a frame, as a user's own detector may."""
-        if record.frame == last:
+        """Raise the error after five frames or one, as a user's own detector may."""
+        if record.frame == 4 * ("5" in rows):
             raise error
 
     with pytest.raises(raised) as found:

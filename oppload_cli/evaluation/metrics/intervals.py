@@ -200,7 +200,8 @@ def interval(values: Numbers) -> tuple[float, float]:
     tail = (100 - LEVEL) / 2
     # Without interpolation, because ratios may be infinite.
     low, high = np.percentile(known, [tail, 100 - tail], method="nearest")
-    return (float("nan"), float("nan")) if low == high else (float(low), float(high))
+    agree = math.isclose(low, high)  # sums of floats, such as a ROC area of 1, differ in rounding
+    return (float("nan"), float("nan")) if agree else (float(low), float(high))
 
 
 def weighted_mean(values: Numbers, weights: Weights) -> float:
