@@ -54,8 +54,8 @@ class _ResultsFolder(click.Path):
             )
         if folder.suffix.lower() in _FILE_SUFFIXES and not is_folder(folder):
             self.fail(
-                f"'{folder}' is the name of a file; give a folder: the files in it are named "
-                f"after the input",
+                f"'{folder}' is the name of a file; give a folder, in which the command names the "
+                f"files",
                 param,
                 ctx,
             )

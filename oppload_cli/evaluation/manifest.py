@@ -110,8 +110,10 @@ def _check_header(path: Path, header: Sequence[str]) -> None:
     if missing:
         unknown = [name for name in header if name not in _KNOWN and _meant(name, missing)]
         other = f" (it has '{unknown[0]}')" if unknown else ""
-        if len(header) == 1 and ";" in header[0]:  # as spreadsheets write in many countries
-            other = " (its cells are separated by semicolons, not by commas)"
+        # As spreadsheets write in many countries, or as they copy cells.
+        for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+            if len(header) == 1 and mark in header[0]:
+                other = f" (its cells are separated by {name}, not by commas)"
         raise ManifestError(
             f"{path}: its first row lacks {', '.join(missing)}{other}; begin it with "
             f"{','.join(_REQUIRED)}"

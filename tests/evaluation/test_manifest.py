@@ -105,6 +105,7 @@ def test_unknown_columns_are_ignored_with_one_note(folder: Path) -> None:
         (b"file,label,onset_frame\n", "its first row lacks contact_frame"),
         (b"file,label,onset_fram,contact_frame\n", r"lacks onset_frame \(it has 'onset_fram'\)"),
         (b"file;label;onset_frame;contact_frame\n", "lacks file, label.*semicolons, not by commas"),
+        (b"file\tlabel\tonset_frame\tcontact_frame\n", "lacks file, label.*tabs, not by commas"),
         (HEADER.encode() + b",file\n", "has file twice"),
         (b"\xff\xfe\x00", "is not valid CSV in UTF-8"),
         (b'file,"label', "is not valid CSV"),
