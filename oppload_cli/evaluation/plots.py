@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 # Of detectors under these presets, from Okabe and Ito's palette.
 _COLOURS = {"reference": "#009E73", "paper": "#CC79A7"}
-_SIZE = 4.8, 3.5  # inches, for up to 8 detectors
-_ROW, _ROWS = 0.2, 8  # inches by which the figure grows for each further detector
+_WIDTH, _HEIGHT = 4.8, 3.5  # inches, for up to 8 detectors or kinds of motion
+_ROW, _ROWS = 0.3, 8  # inches by which the figure grows for each further one
 _LEGEND_EM, _HANDLE_EM = 52, 4.8  # width of the legend and of what is beside a label, in its font
 _HIGHEST_RATE = 6.0  # false alarms per minute at the end of the axis
 _SHOWN = 1.6  # the axis of false alarms ends at this multiple of the highest rate
@@ -162,12 +162,20 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
         highest = max(highest, values.max(initial=0))
     labels = [f"{plain(kind)}\n{counted(one.n, 'clip')}" for kind, one in kinds.items()]
     axes.set_yticks(range(len(kinds)), labels)
+    figure = axes.get_figure(root=True)
+    if figure is not None:
+        figure.set_figheight(_height(max(len(kinds), len(performances))))
     axes.invert_yaxis()
     axes.set_xlim(0, _SHOWN * highest)  # intervals of few clips are too long to show completely
     axes.set_title("false alarms by kind of motion, at 1 per minute in all")
     axes.set_xlabel("false alarms per minute")
     _say_if_empty(axes, "no false alarm")
     _legend(axes)
+
+
+def _height(rows: int) -> float:
+    """Return the height of a figure in inches, so that the labels of its rows are apart."""
+    return _HEIGHT + _ROW * max(0, rows - _ROWS)
 
 
 def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
@@ -254,8 +262,7 @@ PLOTS: dict[str, tuple[str, Callable[[Axes, Performances], None]]] = {
 
 def figure_of(plot: str, performances: Performances) -> Figure:
     """Return one of the `PLOTS`; `performances` has the order of the legend."""
-    width, height = _SIZE
-    with styled_figure(width, height + _ROW * max(0, len(performances) - _ROWS)) as figure:
+    with styled_figure(_WIDTH, _height(len(performances))) as figure:
         _, draw = PLOTS[plot]
         draw(figure.subplots(), performances)
     return figure

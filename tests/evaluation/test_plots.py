@@ -125,6 +125,16 @@ def test_plots_without_approaches_or_false_alarms_say_so(
     assert said == words
 
 
+def test_many_kinds_of_motion_fit_into_their_plot() -> None:
+    clips = [clip(peaks(100, {50: 1.0}), motion=f"kind {number}") for number in range(20)]
+    found = measured(clips, NAME, draws_of([False] * 20, 100))
+    figure = figure_of("false-alarms.png", dict.fromkeys("abcd", found))
+    figure.draw_without_rendering()
+    labels = [label.get_window_extent() for label in figure.axes[0].get_yticklabels()]
+    assert len(labels) == 20
+    assert not any(first.overlaps(second) for first, second in itertools.pairwise(labels))
+
+
 @pytest.mark.parametrize("plot", PLOTS)
 def test_many_detectors_and_a_long_name_fit_into_a_plot(plot: str) -> None:
     names = [f"a_detector_of_ours_{number}" for number in range(22)]
