@@ -37,7 +37,7 @@ from oppload_cli.processes.pool import TELL_EVERY_S, Kind, Seldom, events
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.processes.threads import Call
 from oppload_cli.version import __version__
-from oppload_cli.video.inputs import is_live
+from oppload_cli.video.inputs import is_camera_or_stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -369,7 +369,7 @@ def _for_a_worker(task: Task) -> Task:
         # The second worker must accept what the first one has written.
         task = replace(task, if_exists=IfExists.SKIP)
     name = task.name
-    if not is_live(name):
+    if not is_camera_or_stream(name):
         name = os.path.abspath(name)  # noqa: PTH100 - follows no links
     return replace(task, name=name, outputs=task.outputs and task.outputs.absolute())
 

@@ -15,7 +15,7 @@ from oppload_cli.errors import counted, printable
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.alarms import MOST_IN_A_LINE, Verdict, in_words, label_of, times, uncounted
 from oppload_cli.video.frames import sizes_in_words
-from oppload_cli.video.inputs import is_live
+from oppload_cli.video.inputs import is_camera_or_stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -147,7 +147,7 @@ def outcome_lines(task: Task, outcome: Outcome) -> Iterator[str]:
         names = [str(first), *(each.name for each in others)]
         wall_s = outcome.wall_s
         speed = f", {outcome.frames / wall_s:.0f} analysed per second" if wall_s else ""
-        if is_live(task.name):  # the run waits for frames, so that a rate would seem slow
+        if is_camera_or_stream(task.name):  # the run may wait for frames
             speed = f" in {wall_s:.1f} s"
         yield f"  {counted(outcome.frames, 'frame')}{speed} -> {', '.join(names)}"
     yield from faults(task, outcome)

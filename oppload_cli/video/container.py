@@ -250,16 +250,17 @@ class ContainerSource(PictureSource):
             raise SourceError(f"{self.name}: {reason}") from error
         except OSError as error:
             raise cannot_read(self.name, error) from error
-        if path.is_file() and size == 0:
+        if not path.is_file():
+            return
+        if size == 0:
             raise SourceError(f"{self.name}: the file is empty; copy or record it again")
-        if path.is_file():
-            # If the file cannot be read, opening the video raises the error.
-            with suppress(OSError), path.open("rb") as file:
-                if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
-                    raise SourceError(
-                        f"{self.name}: is a pointer of Git LFS, not the video itself; fetch the "
-                        "video with git lfs pull"
-                    )
+        # If the file cannot be read, opening the video raises the error.
+        with suppress(OSError), path.open("rb") as file:
+            if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
+                raise SourceError(
+                    f"{self.name}: is a pointer of Git LFS, not the video itself; fetch the video "
+                    "with git lfs pull"
+                )
 
     def _video_stream(self, container: InputContainer) -> VideoStream:
         if not self._remote and container.format.name in _PLAYLISTS:

@@ -183,8 +183,8 @@ def is_camera(name: str) -> bool:
     return name.startswith("camera:")
 
 
-def is_live(name: str) -> bool:
-    """Return whether a name means a camera or a stream, whose pictures come at their own pace."""
+def is_camera_or_stream(name: str) -> bool:
+    """Return whether a name means a camera, or has an address such as ``rtsp://``: no path."""
     return "://" in name or is_camera(name)
 
 
@@ -281,12 +281,12 @@ def _with_hash(stem: str, name: str) -> str:
 
 def _path_bytes(name: str) -> bytes:
     # `Path.resolve` would raise an error for a link to itself.
-    path = name if is_live(name) else os.path.realpath(name)
+    path = name if is_camera_or_stream(name) else os.path.realpath(name)
     return path.encode("utf-8", "surrogateescape")
 
 
 def _stem(name: str) -> str:
-    if is_live(name):
+    if is_camera_or_stream(name):
         address = without_login(name).partition("?")[0]
         return re.sub(r"[^A-Za-z0-9.]+", "-", address).strip("-.")
     if is_folder(name):

@@ -115,8 +115,10 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
     tail = (100 - LEVEL) / 200
     if share in {0.0, 1.0}:
         reach = tail ** (1 / count)
-        # Without NaN of a bootstrap that has no interval.
-        return (float(np.fmin(low, reach)), 1) if share else (0, float(np.fmax(high, 1 - reach)))
+        # `fmin` and `fmax` ignore the NaN of a bootstrap without an interval.
+        if share:
+            return float(np.fmin(low, reach)), 1.0
+        return 0.0, float(np.fmax(high, 1 - reach))
     if not math.isnan(low) or math.isnan(share):
         return low, high
     # An outcome that is a share itself counts as 0 for the lower bound and as 1 for the upper one.
