@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -144,6 +145,41 @@ def _at_least(least: int, count: int, chance: float) -> float:
     return math.fsum(map(math.exp, logs))
 
 
+def area_interval(area: float, approaches: int, others: int) -> tuple[float, float]:
+    """Return the interval of a ROC area.
+
+    Areas whose deviation from `area` has the probability of the interval. The variance is that of
+    Hanley and McNeil (1982, Radiology 143:29) at the possible true area, not at the measured one,
+    so that the bounds hold near 1 and with few videos, where a bootstrap finds hardly any spread
+    (Newcombe 2006, Stat Med 25:559, method 5).
+
+    Parameters
+    ----------
+    area : float
+        Measured area, 0 to 1; NaN if it is not known.
+    approaches, others : int
+        Number of independent videos with an approach, and of those that have windows without one.
+
+    Returns
+    -------
+    tuple of float
+        The bounds, 0 to 1; NaN for an area of NaN.
+    """
+    if math.isnan(area):
+        return math.nan, math.nan
+    deviation = NormalDist().inv_cdf(0.5 + LEVEL / 200)
+    pairs, average = approaches * others, (approaches + others) / 2 - 1
+
+    def deviations(measured: float, true: float) -> float:
+        spread = 1 + average * ((1 - true) / (2 - true) + true / (1 + true))
+        variance = true * (1 - true) * spread / pairs
+        return (true - measured) / math.sqrt(variance) if variance > 0 else math.inf
+
+    # Turned round, an area of A is one of 1 - A, and its lower bound the upper one.
+    low = 1 - _reaching(partial(deviations, 1 - area), deviation)
+    return low, _reaching(partial(deviations, area), deviation)
+
+
 def rate_interval(events: float, minutes: float, low: float, high: float) -> tuple[float, float]:
     """Widen the bootstrap's interval of a rate if no event was seen or all draws agree.
 
@@ -179,14 +215,14 @@ def _poisson(most: int, mean: float) -> float:
     return math.fsum(map(math.exp, logs))
 
 
-def _reaching(probability: Callable[[float], float], wanted: float) -> float:
-    """Return the number above 0 at which a rising `probability` reaches `wanted`."""
+def _reaching(rising: Callable[[float], float], wanted: float) -> float:
+    """Return the number above 0 at which a `rising` function reaches `wanted`."""
     low, high = 0.0, 1.0
-    while probability(high) < wanted:
+    while rising(high) < wanted:
         low, high = high, 2 * high
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if probability(middle) < wanted else (low, middle)
+        low, high = (middle, high) if rising(middle) < wanted else (low, middle)
     return high
 
 

@@ -24,9 +24,11 @@ from oppload_cli.evaluation.metrics.clips import (
     Curves,
     curves_of,
     scored,
+    videos_of,
 )
 from oppload_cli.evaluation.metrics.intervals import (
     Measurement,
+    area_interval,
     estimate,
     share_interval,
     weighted_mean,
@@ -69,26 +71,36 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
         shipped(clips, detector, draws),
     ]
     decisions = {each.condition: each for each in rules}
-    score, positive, owner = scored(clips, detector)
-
-    def area(weights: Weights, name: str) -> float:
-        drawn = curves_of(score, positive, weights[owner])
-        return float("nan") if drawn is None else float(getattr(drawn, name))
-
     measurements = [each for decision in rules for each in decision.measurements]
     for condition in (AT_ONE, SHIPPED):
         measurements += _of_conditions(clips, detector, decisions[condition], draws)
     measurements += _of_objects(clips, detector, draws)
-    for measure, name in (("roc_auc", "auc"), ("average_precision", "average_precision")):
-        found = estimate(partial(area, name=name), draws)
-        condition = "last second before contact"
-        measurements.append(Measurement(detector, measure, condition, *found, len(score)))
+    measurements += _of_windows(clips, detector, draws)
     measurements += _of_order(clips, detector, draws)
     ratio = _median(_distinct_ratios(clips, detector), draws)
     measurements.append(Measurement(detector, "distinct_ratio", "median over clips", *ratio))
     measurements += of_places(clips, detector, draws)
-    complete = curves_of(score, positive, np.ones(len(score)))
-    return Performance(measurements, decisions, complete, thresholds)
+    score, positive, _ = scored(clips, detector)
+    curves = curves_of(score, positive, np.ones(len(score)))
+    return Performance(measurements, decisions, curves, thresholds)
+
+
+def _of_windows(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
+    """Yield how well the scores of one-second windows tell approaches from other footage."""
+    score, positive, owner = scored(clips, detector)
+
+    def measure(name: str, weights: Weights) -> float:
+        curves = curves_of(score, positive, weights[owner])
+        return float("nan") if curves is None else float(getattr(curves, name))
+
+    condition = "last second before contact"
+    area = measure("auc", np.ones(len(clips), np.int64))
+    video = videos_of(clips)[owner]
+    counts = (len(np.unique(video[positive])), len(np.unique(video[~positive])))
+    bounds = area_interval(area, *counts)
+    yield Measurement(detector, "roc_auc", condition, area, *bounds, len(score))
+    precision = estimate(partial(measure, "average_precision"), draws)
+    yield Measurement(detector, "average_precision", condition, *precision, len(score))
 
 
 def _averaged(

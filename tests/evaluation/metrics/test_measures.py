@@ -8,6 +8,7 @@ import pytest
 
 from oppload_cli.evaluation.metrics.clips import videos_of
 from oppload_cli.evaluation.metrics.intervals import (
+    area_interval,
     draws_of,
     estimate,
     interval,
@@ -194,17 +195,52 @@ def test_values_of_a_condition_are_sorted_by_their_first_number() -> None:
     assert sorted(sorted(ordered), key=_order) == ordered
 
 
-def test_the_interval_of_an_area_is_that_of_drawn_clips() -> None:
+def test_bounds_of_an_area_deviate_as_far_as_chance_makes_it_deviate() -> None:
+    """Each bound, as the true area, is 1.96 standard deviations (Hanley, McNeil 1982) away."""
+    for area, approaches, others in ((0.9, 10, 20), (0.5, 3, 4), (0.04, 12, 40)):
+        for true in area_interval(area, approaches, others):
+            both, neither = true / (2 - true) - true**2, 2 * true**2 / (1 + true) - true**2
+            more = (approaches + others) / 2 - 1
+            variance = (true * (1 - true) + more * (both + neither)) / approaches / others
+            assert abs(true - area) / variance**0.5 == pytest.approx(1.95996, rel=1e-5)
+    low, high = area_interval(1.0, 12, 12)
+    assert [low, high] == pytest.approx([0.8318, 1], abs=1e-4)
+    assert [*area_interval(0.0, 12, 12)] == pytest.approx([0, 1 - low])
+    assert [*area_interval(1.0, 1, 1)] == pytest.approx([1 / (1 + 1.95996**2), 1], rel=1e-5)
+    assert np.isnan(area_interval(float("nan"), 0, 3)).all()
+
+
+@pytest.mark.parametrize(("approaches", "others"), [(6, 6), (12, 12), (40, 40), (6, 30)])
+def test_intervals_of_areas_hold_the_truth_as_often_as_they_say(
+    approaches: int, others: int
+) -> None:
+    """Five windows of each video without an approach resemble each other."""
+    random = np.random.default_rng(7)
+    for area, distance in ((0.7, 0.7416), (0.9, 1.8124), (0.99, 3.2899)):
+        held = 0
+        for _ in range(200):
+            near = distance + random.standard_normal(approaches)
+            other = random.standard_normal((others, 1)) + random.standard_normal((others, 5))
+            found = (near[:, None] > other.ravel() / 2**0.5).mean()
+            low, high = area_interval(found, approaches, others)
+            held += low <= area <= high
+        assert held >= 180
+
+
+def test_the_interval_of_an_area_counts_videos() -> None:
     clips = [
         clip(peaks(60, {55: 2.0}), 54, 56),  # above all others
         clip([0.0] * 60, 54, 56),  # below all others
         clip([0.0] * 3 + [1.0] * 100),
     ]
+    draws = draws_of([True, True, False], 9)
     # The earlier windows of the approaches tie with the second one: it is not all below.
-    found = {
-        f.measure: f for f in measured(clips, NAME, draws_of([True, True, False], 400)).measurements
-    }
-    area = found["roc_auc"]
+    area = next(f for f in measured(clips, NAME, draws).measurements if f.measure == "roc_auc")
     others, ties = 10 + 2 * 4, 2 * 4
     assert area.value == pytest.approx((1 + 0.5 * ties / others) / 2)
-    assert (area.low, area.high) == pytest.approx((0.5 * ties / others, 1))
+    # All three videos have windows without an approach, 18 in all.
+    assert (area.low, area.high) == area_interval(area.value, 2, 3)
+    halves = [replace(each, label=replace(each.label, video=0)) for each in clips[:2]]
+    found = measured([*halves, clips[2]], NAME, draws).measurements
+    area = next(f for f in found if f.measure == "roc_auc")
+    assert (area.low, area.high) == area_interval(area.value, 1, 2)
