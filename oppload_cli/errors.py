@@ -7,6 +7,7 @@ fault, its place, and the remedy. Only ``oppload_cli.cli.main`` prints it.
 from __future__ import annotations
 
 import errno
+import os
 import re
 import unicodedata
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ _NO_MEMORY = (
     "out of memory",
     "bad_alloc",  # in C++
 )
+_IN_USE = {32, 33}  # Windows: ERROR_SHARING_VIOLATION, ERROR_LOCK_VIOLATION
 _LOGIN = re.compile(r"(?<=://)[^/?#\s]*@")  # as FFmpeg finds it in an address
 _JOINERS = "\N{ZERO WIDTH NON-JOINER}\N{ZERO WIDTH JOINER}"
 
@@ -154,11 +156,16 @@ def shortage(error: BaseException | None) -> str:
 
 def reason_of(error: BaseException) -> str:
     """Return the first line of an error of the system or a parser, as a part of a sentence."""
-    text = str(getattr(error, "strerror", None) or error).strip()
+    text = getattr(error, "strerror", None) or str(error)
+    if isinstance(error, OSError) and (code := getattr(error, "winerror", None)):
+        # The text of Windows is in the user's language.
+        text = "another program uses it" if code in _IN_USE else os.strerror(error.errno or code)
+    text = text.strip()
     if not text:
         return type(error).__name__
     first = text.splitlines()[0].rstrip(".")
-    return first[:1].lower() + first[1:]
+    rest = first.partition(" ")[0][1:]
+    return first[:1].lower() + first[1:] if rest == rest.lower() else first  # not "i/O error"
 
 
 def cannot_read(name: str, error: OSError) -> SourceError:

@@ -257,7 +257,7 @@ def test_a_stimulus_of_a_file_is_a_source(tmp_path: Path) -> None:
 def test_open_sources_and_an_analysis_describe_themselves(tmp_path: Path) -> None:
     video = write_video(tmp_path / "a.avi", FRAMES)
     with oppload.open_video(video, height=30) as opened:
-        assert repr(opened) == f"Video('{video}', 120 x 120 at 30 frames/s, seen at 30 x 30)"
+        assert repr(opened) == f"Video({str(video)!r}, 120 x 120 at 30 frames/s, seen at 30 x 30)"
         assert opened.decode.decoded == 0
     with oppload.open_source(np.stack(FRAMES), times=range(len(FRAMES)), height=60) as frames:
         assert repr(frames) == "ArrayVideo('array', 120 x 120 at 1 frames/s, seen at 60 x 60)"

@@ -36,11 +36,11 @@ def wheel(folder: Path, name: str, content: bytes | None = None, *, cut: bool = 
     builds = ("baseline", "wide") if "x86_64" in name else ("baseline",)
     with zipfile.ZipFile(path, "w") as archive:
         for build in builds:
-            inside = f"{FOLDER}/loops.{build}{SUFFIXES[TARGETS[name].system]}"
+            inside = (FOLDER / f"loops.{build}{SUFFIXES[TARGETS[name].system]}").as_posix()
             held = content or library(name)
             archive.writestr(inside, held[:-1] if cut else held)
             archive.writestr(f"{inside}.sum", f"{zlib.crc32(held):08x}\n")
-        archive.writestr(f"{FOLDER}/loops.py", "")
+        archive.writestr((FOLDER / "loops.py").as_posix(), "")
     return path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 PAGES = Path(__file__).resolve().parents[1] / "docs" / "howto"
 RCLPY = """
@@ -80,6 +82,7 @@ def test_the_callback_of_a_ros_topic_answers_to_its_images() -> None:
     assert abs(nearest.time_to_contact_s - 5 / 30) < 0.02
 
 
+@pytest.mark.skipif(not shutil.which("bash"), reason="NOT TESTED: needs bash")
 def test_the_first_tutorial_makes_the_videos_of_the_others(tmp_path: Path) -> None:
     page = (PAGES.parent / "tutorials" / "collision.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```sh\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)

@@ -23,6 +23,7 @@ from hatch_build import FOLDER, SUFFIXES, TARGETS, Target
 
 _ROOT = Path(__file__).parents[1]
 _DIST = _ROOT / "dist"
+_FOLDER = FOLDER.as_posix()
 # For the libraries of each platform: the first bytes, the offset and the format of the machine
 # type, and the machine type. (A PE file states the offset itself.)
 ELF, MACH_O, PE = b"\x7fELF", b"\xcf\xfa\xed\xfe", b"MZ"
@@ -53,8 +54,8 @@ def check_wheel(wheel: Path, name: str) -> None:
     if not wheel.stem.endswith(f"-py3-none-{target.tag}"):
         raise WrongWheelError(f"{wheel.name}: the tag is not py3-none-{target.tag}")
     with zipfile.ZipFile(wheel) as archive:
-        found = {each for each in archive.namelist() if each.startswith(f"{FOLDER}/loops.")}
-        if found - {f"{FOLDER}/loops.py"} != _expected(name, target):
+        found = {each for each in archive.namelist() if each.startswith(f"{_FOLDER}/loops.")}
+        if found - {f"{_FOLDER}/loops.py"} != _expected(name, target):
             raise WrongWheelError(f"{wheel.name}: holds {sorted(found)}")
         for each in sorted(found):
             if each.endswith(SUFFIXES[target.system]):
@@ -67,7 +68,7 @@ def check_wheel(wheel: Path, name: str) -> None:
 
 def _expected(name: str, target: Target) -> set[str]:
     builds = ("baseline", "wide") if "x86_64" in name else ("baseline",)
-    libraries = [f"{FOLDER}/loops.{each}{SUFFIXES[target.system]}" for each in builds]
+    libraries = [f"{_FOLDER}/loops.{each}{SUFFIXES[target.system]}" for each in builds]
     return {f"{each}{end}" for each in libraries for end in ("", ".sum")}
 
 

@@ -213,7 +213,12 @@ def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
     content = _content(source).removeprefix(codecs.BOM_UTF8)
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise ParameterError(f"--files-from {source}: is text in UTF-16; save it as UTF-8")
-    text = os.fsdecode(content)
+    try:
+        text = os.fsdecode(content)
+    except UnicodeDecodeError as error:  # on Windows, where every name is text
+        raise ParameterError(
+            f"--files-from {source}: is not text in UTF-8; save it as UTF-8"
+        ) from error
     if text.startswith(",".join(ALARM_COLUMNS)):
         raise ParameterError(
             f"--files-from {source}: is a table of alarms, not a list; give a failures.csv, or a "

@@ -6,7 +6,6 @@ The command imports this module after it has begun to decode the video.
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 import time
 from dataclasses import replace
@@ -45,6 +44,11 @@ from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.pipeline.task import IfExists, Interrupted, Outcome, Outputs, Task, exists_already
 from oppload_cli.results.alarms import write_alarms
 from oppload_cli.video.inputs import GROUND_TRUTH, Span, left_out
+
+if sys.platform == "win32":
+    from subprocess import list2cmdline as command_line
+else:
+    from shlex import join as command_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -113,7 +117,7 @@ def run_inputs(
                 code = _Batch(plan, shown, options).run(tasks)
         except Interrupted as stop:
             if options.report_pages and _tables(_tasks(plan, task, options)):
-                words = shlex.join(["oppload", "report", str(options.output)])
+                words = command_line(["oppload", "report", str(options.output)])
                 raise Interrupted(f"{stop}; '{words}' makes the pages") from stop
             raise
         if not options.report_pages:
@@ -191,7 +195,7 @@ def _stimulus_of(name: str) -> str:
     if name.endswith(GROUND_TRUTH):
         return "; this is the ground truth of a stimulus: give its video"
     if name.endswith(".toml") and is_file(Path(name)):
-        words = shlex.join(["oppload", "stimuli", "generate", name])
+        words = command_line(["oppload", "stimuli", "generate", name])
         return f"; if this is a stimulus, '{words}' makes its video"
     if os.path.lexists(name):
         return ""
@@ -377,7 +381,7 @@ class _Batch:
         if self._tally.failures and is_file(self._failures):
             say(f"oppload: the failed inputs are in {self._failures}; try them again with:")
             for command in _retry_commands(click.get_current_context(), self._failures):
-                say(f"  {shlex.join(command)}")
+                say(f"  {command_line(command)}")
 
 
 def _retry_commands(context: click.Context, failures: Path) -> Iterator[list[str]]:

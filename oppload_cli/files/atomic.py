@@ -26,7 +26,9 @@ from oppload_cli.errors import (
     shortage,
 )
 
-if sys.platform != "win32":
+if sys.platform == "win32":
+    import msvcrt
+else:
     import fcntl
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
 
 PART = ".part"  # end of the name of a file or folder that is still being written
 _DYING_S = 0.5  # time for which a run that was killed may still hold its lock
+_LOCKED_BYTE = 1 << 40  # on Windows; nobody else can read a locked byte, so it is behind the end
 # Flags that follow no link and wait for no pipe. Windows lacks them: there, only `_check_alone`
 # refuses links and pipes.
 _CAUTIOUS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
@@ -164,9 +167,9 @@ class _Part(ABC):
 class PartFile(_Part):
     """A file that is written as ``NAME.part`` under a lock, and renamed when it is complete.
 
-    An interrupted run may keep the part file, with the rows so far. If the system has no locks, as
-    Windows, and ``NAME.part`` exists, the name of the part is ``NAME.HOST-PROCESS.part``, so that
-    two runs never write into one file. A link, a folder or a pipe named ``NAME.part`` is an error.
+    An interrupted run may keep the part file, with the rows so far. If the file system has no locks
+    and ``NAME.part`` exists, the name of the part is ``NAME.HOST-PROCESS.part``, so that two runs
+    never write into one file. A link, a folder or a pipe named ``NAME.part`` is an error.
 
     Parameters
     ----------
@@ -341,16 +344,14 @@ def _check_alone(status: os.stat_result, part: Path) -> None:
 
 
 def _lock(descriptor: int, part: Path, path: Path) -> bool:
-    """Lock an open part file or folder; return False if the system or file system has no locks.
+    """Lock an open part file or folder; return False if the file system has no locks.
 
     Raises BusyError if another process holds the lock, or has just renamed the part.
     """
-    if sys.platform == "win32":
-        return False
     deadline = time.monotonic() + _DYING_S
     while True:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock_now(descriptor)
             if os.path.samestat(os.fstat(descriptor), part.stat()):
                 return True
             break
@@ -364,6 +365,20 @@ def _lock(descriptor: int, part: Path, path: Path) -> bool:
         except OSError:  # a file system without locks
             return False
     raise _busy(path)
+
+
+def _lock_now(descriptor: int) -> None:
+    """Lock an open file or, except on Windows, folder; BlockingIOError if another one has it."""
+    if sys.platform == "win32":
+        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError from error
+        finally:
+            os.lseek(descriptor, 0, os.SEEK_SET)
+    else:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _busy(path: Path) -> BusyError:

@@ -114,10 +114,10 @@ def fault_of_stem(stem: str) -> str:
 def _fault_of_name(name: str) -> str:
     if not name.strip(". "):
         return "names no file"
-    if character := next((each for each in name if each in _NOT_IN_NAMES), ""):
-        return f"holds '{character}'"
     if _DRIVE.match(name):
         return "begins with a drive"
+    if character := next((each for each in name if each in _NOT_IN_NAMES), ""):
+        return f"holds '{character}'"
     if any(unicodedata.category(each) == "Cc" for each in name):
         return "holds a control character"
     return "is a device on Windows" if _DEVICES.fullmatch(name) else ""

@@ -6,6 +6,7 @@ import fnmatch
 import itertools
 import json
 import math
+import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -283,6 +284,7 @@ def find(wanted: str) -> list[Entry]:
     if not isinstance(wanted, str):
         raise StimulusError(f"a stimulus must be a name or a path, not {wanted!r:.60}")
     file, toml, member = wanted.partition(".toml")
+    member = member.replace(os.sep, "/")  # Windows completes a path with its own separators
     if toml and (not member or member.startswith("/")):
         return [_of_file(read_entry(Path(file + toml)), member)]
     exact = [entry for entry in entries() if entry.name == wanted]

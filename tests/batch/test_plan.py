@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import sys
 import threading
@@ -40,7 +41,7 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def names(*named: str, recursive: bool = False) -> list[str]:
     plan = planned(named, recursive=recursive)
     assert not plan.failures
-    return [each.name for each in plan.inputs]
+    return [each.name.replace(os.sep, "/") for each in plan.inputs]
 
 
 @pytest.mark.usefixtures("tree")
@@ -165,8 +166,14 @@ def test_a_shard_that_is_not_valid(text: str) -> None:
 
 def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "list"
-    path.write_bytes(b" a b.mp4 \r\n\n#c.mp4\n\xff.mp4")
-    assert read_list(str(path)) == [(" a b.mp4 ", ""), ("#c.mp4", ""), ("\udcff.mp4", "")]
+    path.write_bytes(b" a b.mp4 \r\n\n#c.mp4")
+    assert read_list(str(path)) == [(" a b.mp4 ", ""), ("#c.mp4", "")]
+    path.write_bytes(b"\xff.mp4")
+    if sys.platform == "win32":
+        with pytest.raises(ParameterError, match="is not text in UTF-8; save it as UTF-8"):
+            read_list(str(path))
+    else:
+        assert read_list(str(path)) == [("\udcff.mp4", "")]
     path.write_bytes(b"one.mp4")
     assert read_list(str(path), null=True) == [("one.mp4", "")]
     path.write_bytes(b"line\nend.mp4\0b.mp4\0")
@@ -225,6 +232,7 @@ def test_a_list_that_does_not_come_answers_an_interruption(monkeypatch: pytest.M
     came.set()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="each name is text there")
 def test_failures_are_read_back_with_their_stems(tmp_path: Path) -> None:
     path = tmp_path / "failures.csv"
     hostile = Failure('n\ne"w,\udcff.mp4', "new-12345678", 3, "is no video\n; check")

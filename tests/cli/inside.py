@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import shlex
+import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -35,3 +37,8 @@ def oppload(*arguments: str | Path, cwd: Path | str = ".") -> Done:
         stream.seek(0)
         texts.append(stream.read())
     return Done(int(ended.value.code or 0), *texts)
+
+
+def words_of(command: str) -> list[str]:
+    """Split a command that oppload has printed for the shell of this system."""
+    return shlex.split(command, posix=sys.platform != "win32")

@@ -21,7 +21,7 @@ from oppload_cli.errors import printable
 from oppload_cli.pipeline.task import Interrupted, Outcome
 from oppload_cli.results.alarms import verdicts_in
 from tests.cli import process
-from tests.cli.inside import oppload
+from tests.cli.inside import oppload, words_of
 from tests.media import grey_frames, write_film, write_video
 from tests.results.make import rows_of
 
@@ -129,7 +129,7 @@ def test_failures_spare_the_others_and_are_tried_again(clips: Path, tmp_path: Pa
     assert str(clips) not in again
     bad.write_bytes((clips / "clip2.avi").read_bytes())
     (tmp_path / "x.mkv").write_bytes((clips / "clip2.avi").read_bytes())
-    retried = oppload(*shlex.split(again)[1:])
+    retried = oppload(*words_of(again)[1:])
     assert retried.returncode == 0, retried.stderr
     assert set(tables(out)) == {
         *("clip0.frames.csv", "clip1.frames.csv", "it's bad.frames.csv", "x.frames.csv")

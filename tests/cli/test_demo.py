@@ -1,10 +1,9 @@
 from __future__ import annotations
 
 import json
-import shlex
 from typing import TYPE_CHECKING
 
-from tests.cli.inside import oppload
+from tests.cli.inside import oppload, words_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -15,7 +14,7 @@ def test_the_demo_alarms_before_contact_and_its_lines_give_the_same(tmp_path: Pa
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines[0].endswith("contact at 2.00 s")
-    shown = next(shlex.split(line) for line in lines if line.startswith("$ oppload run"))
+    shown = next(words_of(line) for line in lines if line.startswith("$ oppload run"))
     folder = tmp_path / "demo"
     sidecar = json.loads(next(folder.glob("*.oppload.json")).read_text())
     [alarm] = sidecar["alarms"]["opplod"]["alarms"]

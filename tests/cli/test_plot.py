@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -236,6 +237,7 @@ def test_polar_prints_peak_and_selectivity(tmp_path: Path) -> None:
     assert "LPLC2, 60 deg bar: peak 0.23 (of the loom)" in overlaid.stderr
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows always has one")
 @pytest.mark.usefixtures("undrawn")
 def test_show_needs_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.platform", "linux")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -21,7 +22,8 @@ HEADER = "file,label,onset_frame,contact_frame"
 def folder(tmp_path: Path) -> Path:
     for name in ("a.avi", "b.avi", "c.avi"):
         (tmp_path / name).touch()
-    (tmp_path / "here").symlink_to(tmp_path)
+    if sys.platform != "win32":  # there, links need a right
+        (tmp_path / "here").symlink_to(tmp_path)
     return tmp_path
 
 
@@ -69,7 +71,10 @@ def test_the_rows_of_a_manifest(folder: Path) -> None:
         ("a.avi,looming,1,2,3", "has 5 cells, not 4"),
         ("b.avi,none,,", "b.avi is in row 2 already"),
         ("./b.avi,none,,", "./b.avi is in row 2 already"),
-        ("here/b.avi,none,,", "here/b.avi is in row 2 already"),  # a link to the folder
+        pytest.param(
+            *("here/b.avi,none,,", "here/b.avi is in row 2 already"),  # a link to the folder
+            marks=pytest.mark.skipif(sys.platform == "win32", reason="links need a right there"),
+        ),
     ],
 )
 def test_a_wrong_row_is_named_and_the_rest_stands(folder: Path, row: str, reason: str) -> None:

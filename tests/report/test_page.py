@@ -6,7 +6,6 @@ import base64
 import io
 import json
 import re
-import shlex
 import shutil
 import time
 from typing import TYPE_CHECKING, Any
@@ -27,7 +26,7 @@ from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
 from oppload_cli.video.source import source_of
 from oppload_cli.video.writers import Recording
-from tests.cli.inside import oppload
+from tests.cli.inside import oppload, words_of
 from tests.report.make import (
     ALARMS,
     BOX,
@@ -512,7 +511,7 @@ def test_a_retry_makes_an_index_of_all_results(tmp_path: Path) -> None:
     done = oppload("run", clip, late, "-o", out, *more)
     assert done.returncode == 4
     shutil.copy(clip, late)
-    commands = [shlex.split(line) for line in done.stderr.splitlines() if line[:9] == "  oppload"]
+    commands = [words_of(line) for line in done.stderr.splitlines() if line[:9] == "  oppload"]
     assert [oppload(*words[1:], "-j", "1").returncode for words in commands] == [0, 0]
     assert (out / "index.html").read_text().count("<tr data-title") == 2
 

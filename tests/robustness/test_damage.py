@@ -161,6 +161,7 @@ def test_a_container_that_declares_too_many_frames(tmp_path: Path) -> None:
     assert (decode["declared"], decode["decoded"], decode["missing"]) == (5000, 12, 4988)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="links need a right there")
 def test_an_image_that_vanishes_and_one_that_is_a_link_to_nothing(tmp_path: Path) -> None:
     import cv2
 
@@ -175,6 +176,7 @@ def test_an_image_that_vanishes_and_one_that_is_a_link_to_nothing(tmp_path: Path
         assert not video.decode.complete
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed there")
 def test_a_file_that_vanishes_or_shrinks_while_it_is_read(tmp_path: Path) -> None:
     images = grey_frames(200, width=160, height=96)
     complete = write_video(tmp_path / "complete.avi", images, codec="ffv1")
@@ -287,7 +289,11 @@ def test_a_run_on_a_stream_that_breaks_off(tmp_path: Path) -> None:
     (sidecar,) = tmp_path.glob("*.oppload.json")
     decode = json.loads(sidecar.read_text())["decode"]
     assert decode["decoded"] == 35
-    assert decode["messages"] == ["the stream broke off (input/output error)"]
+    (message,) = decode["messages"]
+    assert message in {
+        "the stream broke off (input/output error)",
+        "the stream broke off (I/O error)",  # of FFmpeg on Windows
+    }
 
 
 def test_a_stream_that_stalls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

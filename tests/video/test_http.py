@@ -98,7 +98,11 @@ def test_an_answer_that_is_shorter_than_stated_broke_off(tmp_path: Path) -> None
     content = write_video(tmp_path / "a.mkv", grey_frames(FRAMES)).read_bytes()
     cut = decoded(content[: len(content) * 7 // 10], len(content))
     assert (cut.complete, cut.failures) == (False, 1)
-    assert "the stream broke off (input/output error)" in cut.messages
+    # FFmpeg says it in other words on Windows.
+    broke_off = {
+        f"the stream broke off ({reason})" for reason in ("input/output error", "I/O error")
+    }
+    assert broke_off & set(cut.messages)
     assert decoded(content, len(content)).complete
 
 

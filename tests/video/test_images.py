@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import sys
 from fractions import Fraction
 from itertools import accumulate
 from time import sleep
@@ -199,6 +200,7 @@ def test_names_with_digits_of_other_kinds_are_sorted(tmp_path: Path) -> None:
         open_video(tmp_path / f"%0{10**12}d.png")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no pipes with names")
 def test_pipes_and_devices_are_not_waited_for(folder: Path) -> None:
     os.mkfifo(folder / "frame_12.png")
     with open_video(folder, height=None) as video:
@@ -404,7 +406,10 @@ def test_a_file_with_the_name_of_a_camera_is_given_with_its_folder(
         ("camera:x", "not the name of a camera"),
         ("camera:²", "not the name of a camera"),
         ("camera:1", "gives no picture"),
-        ("/dev/video2", "is the device of a camera; write camera:2"),
+        pytest.param(
+            *("/dev/video2", "is the device of a camera; write camera:2"),
+            marks=pytest.mark.skipif(sys.platform == "win32", reason="no devices as files"),
+        ),
     ],
 )
 def test_a_camera_that_is_not_there(
