@@ -373,7 +373,9 @@ def _lock_now(descriptor: int) -> None:
         os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        except PermissionError as error:
+        except OSError as error:
+            if error.errno == errno.EINVAL:  # a file system without locks
+                raise
             raise BlockingIOError from error
         finally:
             os.lseek(descriptor, 0, os.SEEK_SET)

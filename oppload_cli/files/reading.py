@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _MOST_BYTES = 1 << 30  # the size of the largest file that is read at once
 _PIECE = 1 << 20  # bytes; `read` takes memory for all the bytes that it is asked for
-_NOT_IN_NAMES = "\\" + ('<>:"|?*' if sys.platform == "win32" else "")
+NOT_IN_NAMES = "\\" + ('<>:"|?*' if sys.platform == "win32" else "")
 _DRIVE = re.compile(r"[A-Za-z]:")
 # Windows opens a device under these names, whatever the folder and the suffix.
 _DEVICES = re.compile(r"(CON|PRN|AUX|NUL|CONIN\$|CONOUT\$|(COM|LPT)[0-9¹²³])\s*(\..*)?", re.I)
@@ -116,7 +116,7 @@ def _fault_of_name(name: str) -> str:
         return "names no file"
     if _DRIVE.match(name):
         return "begins with a drive"
-    if character := next((each for each in name if each in _NOT_IN_NAMES), ""):
+    if character := next((each for each in name if each in NOT_IN_NAMES), ""):
         return f"holds '{character}'"
     if any(unicodedata.category(each) == "Cc" for each in name):
         return "holds a control character"

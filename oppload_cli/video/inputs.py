@@ -18,7 +18,14 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, SourceError, cannot_read, counted, without_login
-from oppload_cli.files.reading import fault_of_stem, is_file, is_folder, is_there, text_of
+from oppload_cli.files.reading import (
+    NOT_IN_NAMES,
+    fault_of_stem,
+    is_file,
+    is_folder,
+    is_there,
+    text_of,
+)
 from oppload_cli.schema import is_integer
 from oppload_cli.video.frames import FrameTimes
 
@@ -272,7 +279,8 @@ def each_once(names: Iterable[str]) -> list[str]:
 
 
 def _with_hash(stem: str, name: str) -> str:
-    plain = re.sub(r"[\x00-\x1f\x7f-\x9f/\\]|(?<=^[A-Za-z]):", "-", stem)
+    wrong = rf"[\x00-\x1f\x7f-\x9f/{re.escape(NOT_IN_NAMES)}]|(?<=^[A-Za-z]):"
+    plain = re.sub(wrong, "-", stem)
     short = os.fsencode(plain)[:_LONGEST_STEM].decode("utf-8", "ignore")
     hashed = f"{short}-{hashlib.sha256(_path_bytes(name)).hexdigest()[:8]}"
     # On Windows even CON.1-12345678 is the name of a device.

@@ -17,7 +17,14 @@ import pytest
 from PIL import Image
 
 from oppload_cli.batch.plan import FAILURE_COLUMNS, failed_in
-from oppload_cli.errors import ParameterError, ResultError, ShortageError, SourceError, shortage
+from oppload_cli.errors import (
+    ParameterError,
+    ResultError,
+    ShortageError,
+    SourceError,
+    counted,
+    shortage,
+)
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.reading import content_of
 from oppload_cli.plots.style import wrapped
@@ -94,7 +101,7 @@ def test_bad_sidecars_are_named_and_do_not_stop_the_others(
     assert done.returncode == 4, done.stderr
     named = {Path(line.split(": ")[1]).name for line in done.stderr.splitlines()[: len(bad)]}
     assert {name.partition(".")[0] for name in named} == bad
-    assert f"{len(bad)} results could not be collected" in done.stderr
+    assert f"{counted(len(bad), 'result')} could not be collected" in done.stderr
     if suffix == "csv":
         assert r"\udcff\ud800.avi" in table.read_text(encoding="utf-8")
 

@@ -37,7 +37,9 @@ BAD = {
     "LPT¹": "is a device on Windows",
     "aux .y": "is a device on Windows",
 }
-GOOD = ["a", "a.b/c", "..a", "ünï", "a:b.c"[1:], "10:20:30", "console", "com", "\udcff", "~", "-o"]
+GOOD = ["a", "a.b/c", "..a", "ünï", "console", "com", "\udcff", "~", "-o"]
+if sys.platform != "win32":
+    GOOD += [":b.c", "10:20:30"]
 
 
 def listed(path: Path, rows: Sequence[tuple[object, str]]) -> Path:
@@ -99,7 +101,8 @@ def test_the_stem_of_any_input_may_be_in_a_list() -> None:
     stems = [result_stem(name) for name in inputs]
     assert [fault_of_stem(stem) for stem in stems] == [""] * len(inputs)
     assert len({stem.casefold() for stem in stems}) == len(inputs)
-    assert result_stem("2026-01-01T10:20:30.mp4") == "2026-01-01T10:20:30"
+    if sys.platform != "win32":
+        assert result_stem("2026-01-01T10:20:30.mp4") == "2026-01-01T10:20:30"
     assert result_stem("a.avi", "b/c") == "b/c/a"
     assert result_stem("a.avi", "con").startswith("a-")
 
