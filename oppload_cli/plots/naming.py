@@ -55,7 +55,7 @@ def _distinct_names(read: Sequence[BaseResult] | Sequence[Tuning]) -> list[str]:
     settings = _joined(_settings_of(sidecars), indicators)
     if len(set(settings)) == len(settings):
         return settings
-    return differences([f"{each.path.parent.name}/{each.path.name}" for each in read])
+    return differences([each.path.as_posix() for each in read])
 
 
 def indicator_of(sidecar: Mapping[str, Any]) -> str:

@@ -83,6 +83,12 @@ def test_results_of_one_input_are_named_by_their_settings(tmp_path: Path) -> Non
     assert labels_of(gains) == ["opplod.gain 1", "opplod.gain 2"]
     alike = [result_of(tmp_path / f"day-{day}", about) for day in (1, 2)]
     assert labels_of(alike) == ["day-1", "day-2"]
+    # The last folder alone would not tell these three apart.
+    (tmp_path / "mouse-1").mkdir()
+    (tmp_path / "mouse-2").mkdir()
+    places = ("mouse-1/day-1", "mouse-2/day-1", "mouse-2/day-2")
+    deeper = [result_of(tmp_path / place, about) for place in places]
+    assert labels_of(deeper) == ["mouse-1/day-1", "mouse-2/day-1", "mouse-2/day-2"]
 
 
 def test_tuning_tables_of_one_stimulus_are_named_by_their_settings() -> None:
