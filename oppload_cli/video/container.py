@@ -245,8 +245,11 @@ class ContainerSource(PictureSource):
         try:
             size = path.stat().st_size
         except (FileNotFoundError, ValueError) as error:  # a text that can be no file's name
-            stdin = "give /dev/stdin to read from standard input"
-            reason = stdin if self.name == "-" else "no such file; check the path"
+            reason = "no such file; check the path"
+            if self.name == "-":
+                reason = "give /dev/stdin to read from standard input"
+            elif path.is_symlink():
+                reason = "is a link to a file that does not exist; fetch or restore that file"
             raise SourceError(f"{self.name}: {reason}") from error
         except OSError as error:
             raise cannot_read(self.name, error) from error

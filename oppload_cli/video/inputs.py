@@ -120,7 +120,8 @@ def _searched(root: str) -> Iterator[_Found]:
         subfolders[:] = sorted(each for each in subfolders if not each.startswith("."))
         names, images = _inputs_of(files)
         paths = [os.path.join(folder, each) for each in names]  # noqa: PTH118
-        videos = list(filter(is_file, paths))  # without pipes, for which the batch would wait
+        # Without pipes, for which the batch would wait; the run of a broken link fails.
+        videos = [each for each in paths if not _is_pipe_or_device(each)]
         if videos:
             place = os.path.relpath(folder, root)
             yield from (_Found(each, folder=place) for each in videos)
@@ -214,11 +215,12 @@ def _single_inputs(name: str) -> list[str]:
         if not is_folder(name):
             return [name]
         # Some systems put a hidden file with the same suffix beside each video.
-        files = sorted(e for e in path.iterdir() if not e.name.startswith(".") and e.is_file())
+        visible = sorted(str(each) for each in path.iterdir() if not each.name.startswith("."))
     except OSError as error:
         raise cannot_read(name, error) from error
-    videos = [str(each) for each in files if is_video(each.name)]
-    if not videos and not any(_suffix(each.name) in IMAGE_SUFFIXES for each in files):
+    files = [each for each in visible if not (is_folder(each) or _is_pipe_or_device(each))]
+    videos = list(filter(is_video, files))
+    if not videos and not any(_suffix(each) in IMAGE_SUFFIXES for each in files):
         raise SourceError(f"{name}: no video and no image in this folder; check the path")
     return videos or [name]
 
