@@ -8,6 +8,7 @@ import stat
 import statistics
 import time
 import warnings
+from collections import Counter
 from contextlib import contextmanager, suppress
 from fractions import Fraction
 from itertools import pairwise
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 _FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # Pillow's names
 # An image file has at most `_PIXEL_BYTES` bytes per pixel, and `_OTHER_BYTES` more.
 _PIXEL_BYTES, _OTHER_BYTES = 8, 1 << 24
+_LAST_NUMBER = re.compile("[0-9]+(?=[^0-9]*$)")
 _GAP = 1.5  # images are missing if a step between two numbers is at least 1.5 usual steps
 # A camera may fail once, for example if USB loses a packet; so its reading is tried again.
 _RETRY_S, _PAUSE_S = 1.0, 0.01  # in all, and between two readings
@@ -79,8 +81,8 @@ class ImageSource(PictureSource):
     def pictures(self) -> Iterator[Picture]:
         """Yield the images that can be read; count each other image as a failure."""
         size = (self.facts.height, self.facts.width)
-        if gap := _gap(self._paths):
-            self.decode.note(gap)
+        if doubt := _several_series(self._paths) or _gap(self._paths):
+            self.decode.note(doubt)
         for index, path in enumerate(self._paths):
             if self.stopping:
                 return
@@ -152,6 +154,21 @@ def _image_paths(name: str) -> list[Path]:
     if not paths:
         raise SourceError(f"{name}: no image there; give a folder or a pattern of images")
     return sorted(paths, key=_numerical_order)
+
+
+def _several_series(paths: Sequence[Path]) -> str:
+    """Return a sentence if images belong to series of different names, else an empty text."""
+    numbered = [path for path in paths if _LAST_NUMBER.search(path.stem)]
+    names = [re.sub("[0-9]+", "", path.stem) for path in numbered]
+    series = [name for name, count in Counter(names).items() if count > 1]
+    if len(series) < 2:
+        return ""
+    first = numbered[names.index(series[0])]
+    pattern = _LAST_NUMBER.sub(lambda number: f"%0{len(number[0])}d", first.stem) + first.suffix
+    return (
+        f"these are {len(series)} series of images, which are taken for one; give one of them, "
+        f"such as {pattern}"
+    )
 
 
 def _gap(paths: Sequence[Path]) -> str:

@@ -57,6 +57,31 @@ def test_a_pattern_takes_only_its_own(folder: Path) -> None:
             assert len(list(video)) == count
 
 
+@pytest.mark.parametrize(
+    ("names", "pattern"),
+    [
+        (("left_{:03}.png", "right_{:03}.png"), "left_%03d.png"),
+        (("{:04}_right.png", "{:04}_left.png", "cam2.png"), "%04d_left.png"),
+        (("cam1_{}.png", "background.png", "mask_1.png"), ""),
+        (("2026-01-02T12-{:02}-00.125.png", "a.png", "a.bmp", "b.png", "b.bmp"), ""),
+    ],
+)
+def test_several_series_give_a_note_with_the_pattern_of_one(
+    tmp_path: Path, names: tuple[str, ...], pattern: str
+) -> None:
+    for name in names:
+        for number in range(4 if "{" in name else 1):
+            cv2.imwrite(str(tmp_path / name.format(number)), grey_frames(1)[0])
+    with open_video(tmp_path) as video:
+        assert len(list(video)) == len(list(tmp_path.iterdir()))
+        assert [each.partition("such as ")[2] for each in video.decode.messages] == (
+            [pattern] if pattern else []
+        )
+    if pattern:
+        with open_video(tmp_path / pattern) as video:
+            assert [len(list(video)), video.decode.messages] == [4, []]
+
+
 def test_missing_numbers_give_a_note(folder: Path) -> None:
     where = "after frame_4.png"
     for removed, place in (("5", where), ("8", f"in 2 places, first {where}")):
