@@ -10,13 +10,13 @@ import re
 import sys
 import unicodedata
 from collections import Counter, defaultdict
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ExitCode, ParameterError, printable
+from oppload_cli.files.atomic import output_errors
 from oppload_cli.files.reading import content_of, fault_of_stem, reading
 from oppload_cli.files.tables import open_csv, rows_of
 from oppload_cli.processes.threads import Call
@@ -393,8 +393,8 @@ def write_failures(path: Path, failures: Iterable[Failure]) -> None:
     """
     rows = sorted(failures, key=lambda failure: failure.name)
     if not rows:
-        with suppress(FileNotFoundError, NotADirectoryError):
-            path.unlink()
+        with output_errors(path):
+            path.unlink(missing_ok=True)
         return
     with open_csv(path, FAILURE_COLUMNS) as table:
         for each in rows:

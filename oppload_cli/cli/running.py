@@ -9,6 +9,7 @@ import os
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,7 +52,7 @@ else:
     from shlex import join as command_line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from fractions import Fraction
 
     from oppload_cli.batch.plan import Plan
@@ -340,8 +341,9 @@ class _Batch:
             if self._tally.inputs.total():
                 self._finish()
             raise
-        self._finish()
-        return self._tally.exit_code(options.fail_on)
+        written = self._finish()
+        code = self._tally.exit_code(options.fail_on)
+        return code or (ExitCode.DONE if written else ExitCode.INCOMPLETE)
 
     def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
         if isinstance(result, Failure):
@@ -356,15 +358,23 @@ class _Batch:
         if self._remarked <= _LISTED or self._verbosity > 0:
             yield f"oppload: {task.name}: {'; '.join(result.remarks)}"
 
-    def _finish(self) -> None:
-        """Write the lists of failures and alarms, and print the summary of the batch."""
+    def _finish(self) -> bool:
+        """Write the lists of failures and alarms, and print the summary of the batch.
+
+        Return whether both lists could be written.
+        """
         self._progress.close()
-        try:
-            write_failures(self._failures, self._tally.failures)
-            if self._tally.verdicts:
-                write_alarms(self._alarms, self._tally.verdicts)
-        except OpploadError as error:
-            say(f"oppload: {error}")
+        tally = self._tally
+        lists: list[Callable[[], None]] = [partial(write_failures, self._failures, tally.failures)]
+        if tally.verdicts:
+            lists.append(partial(write_alarms, self._alarms, tally.verdicts))
+        written = True
+        for write in lists:
+            try:
+                write()
+            except OpploadError as error:
+                say(f"oppload: {error}")
+                written = False
         if self._verbosity >= 0:
             wall_s = time.monotonic() - self._begun
             stems = dict(self._plan.inputs)
@@ -382,6 +392,7 @@ class _Batch:
             say(f"oppload: the failed inputs are in {self._failures}; try them again with:")
             for command in _retry_commands(click.get_current_context(), self._failures):
                 say(f"  {command_line(command)}")
+        return written
 
 
 def _retry_commands(context: click.Context, failures: Path) -> Iterator[list[str]]:

@@ -137,6 +137,16 @@ def test_failures_spare_the_others_and_are_tried_again(clips: Path, tmp_path: Pa
     assert not (out / "failures.csv").exists()
 
 
+def test_a_list_that_cannot_be_written_is_no_success(clips: Path, tmp_path: Path) -> None:
+    for name in ("alarms.csv", "failures.csv"):
+        (tmp_path / name).mkdir()
+    done = oppload("run", clips / "clip[01].avi", "-j", "1", "-o", tmp_path, *FAST)
+    assert done.returncode == 4
+    assert len(tables(tmp_path)) == 2
+    for name in ("alarms.csv", "failures.csv"):
+        assert f"{name}: cannot be written (is a directory)" in done.stderr
+
+
 def test_an_input_that_does_not_suit_the_settings_is_named(tmp_path: Path) -> None:
     """Also once only, where the message has the name already."""
     for name in ("a.avi", "b.avi"):
