@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import json
 import math
 import os
@@ -9,7 +10,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from fractions import Fraction
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import BusyError, OutputError, without_login
@@ -29,12 +30,11 @@ from oppload_cli.results.table import (
     write_sidecar,
 )
 from oppload_cli.video.frames import USUAL_RATE, WorkingSize
-from oppload_cli.video.inputs import ANNOTATED, Span, rate_beside
+from oppload_cli.video.inputs import ANNOTATED, Span, bytes_of, rate_beside
 from oppload_cli.video.optics import FOV, Optics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
 
     from oppload_cli.annotation.video import AnnotatedVideo
     from oppload_cli.pipeline.settings import Settings
@@ -210,11 +210,11 @@ def exists_already(task: Task) -> Outcome | None:
 def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     """Yield texts on how a result differs from the result that the task would make."""
     settings, facts = task.settings, content["input"]
-    size = os.path.getsize(task.name) if is_file(task.name) else None  # noqa: PTH202 - any name
-    other_size = size is not None and facts.get("bytes") not in {None, size}
-    name = PurePath(without_login(task.name)).name
-    if other_size or name != PurePath(facts["name"]).name:
+    name, size = PurePath(without_login(task.name)).name, bytes_of(task.name)
+    if name != PurePath(facts["name"]).name or _differ(task.name, facts["name"]):
         yield f"of another input, {facts['name']}"
+    if size is not None and facts.get("bytes") not in {None, size}:
+        yield f"of an input of {facts['bytes']} bytes, not {size}"
     rate = facts["frame_rate"]
     if facts["kind"] == "images" and Fraction(rate) != (
         task.image_rate or rate_beside(task.name) or USUAL_RATE
@@ -235,6 +235,15 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     if others and settings.preset != content["preset"]:  # clearer than the name of a parameter
         yield f"of preset {content['preset']}, not {settings.preset}"
     yield from others
+
+
+def _differ(name: str, other: str) -> bool:
+    """Return whether two names are files with different content."""
+    try:
+        same = not is_file(other) or Path(name).samefile(other)
+        return not (same or filecmp.cmp(name, other, shallow=False))
+    except (OSError, ValueError):  # a camera, a stream, or a file that cannot be read
+        return False
 
 
 def _other_files(settings: Settings, content: dict[str, Any]) -> Iterator[str]:

@@ -19,8 +19,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from oppload_cli.errors import SourceError, cannot_read, reason_of
-from oppload_cli.files.reading import is_there
+from oppload_cli.errors import SourceError, reason_of
 from oppload_cli.video.frames import (
     MAX_PIXELS,
     USUAL_RATE,
@@ -31,7 +30,7 @@ from oppload_cli.video.frames import (
     check_pixels,
     max_pixels,
 )
-from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER, rate_beside
+from oppload_cli.video.inputs import bytes_of, image_paths, rate_beside
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -63,7 +62,7 @@ class ImageSource(PictureSource):
         super().__init__()
         stated = frame_rate or rate_beside(name)
         self._rate = stated or USUAL_RATE
-        self._paths = _image_paths(name)
+        self._paths = image_paths(name)
         height, width = self._first_readable().shape[:2]
         self.facts = InputFacts(
             name=name,
@@ -75,7 +74,7 @@ class ImageSource(PictureSource):
             frames_declared=len(self._paths),
             codec=self._paths[0].suffix.lower().lstrip("."),
             pixel_format="gray",
-            bytes=sum(map(_bytes, self._paths)),
+            bytes=bytes_of(name),
         )
 
     def pictures(self) -> Iterator[Picture]:
@@ -128,34 +127,6 @@ class ImageSource(PictureSource):
         return colour
 
 
-def _image_paths(name: str) -> list[Path]:
-    """Return the images of a folder or a pattern, in the order of their numbers.
-
-    Raises SourceError if no image exists. A pattern has one ``%d`` or ``%04d`` in its file name.
-    """
-    # Some systems put a hidden file with the same suffix beside each image.
-    folder, accepted = Path(name), re.compile(r"[^.].*", re.DOTALL)
-    number = NUMBER.search(folder.name)
-    if number and not is_there(folder):
-        before, after = folder.name[: number.start()], folder.name[number.end() :]
-        digits = f"[0-9]{{{number[1]},}}" if number[1] else "[0-9]+"
-        accepted = re.compile(re.escape(before) + digits + re.escape(after))
-        folder = folder.parent
-    try:
-        paths = [
-            path
-            for path in folder.iterdir()
-            if path.suffix.lower() in IMAGE_SUFFIXES and accepted.fullmatch(path.name)
-        ]
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise SourceError(f"{name}: no such folder; check the path") from error
-    except OSError as error:
-        raise cannot_read(name, error) from error
-    if not paths:
-        raise SourceError(f"{name}: no image there; give a folder or a pattern of images")
-    return sorted(paths, key=_numerical_order)
-
-
 def _several_series(paths: Sequence[Path]) -> str:
     """Return a sentence if images belong to series of different names, else an empty text."""
     numbered = [path for path in paths if _LAST_NUMBER.search(path.stem)]
@@ -190,13 +161,6 @@ def _gap(paths: Sequence[Path]) -> str:
         f"numbers are missing {places}after {gaps[0].name}; the images are taken as if they "
         f"followed each other"
     )
-
-
-def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
-    """Return a key that sorts ``f2`` before ``f10``."""
-    parts = re.split(r"([0-9]+)", path.name)  # text, number, text, ...
-    order = [(int(part), "") if place % 2 else (-1, part) for place, part in enumerate(parts)]
-    return order, path.name
 
 
 def read_transparent(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
@@ -276,13 +240,6 @@ def _colour(image: Image.Image) -> Colour:
         return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
     rgb = np.asarray(image if image.mode == "RGB" else image.convert("RGB"), np.uint8)
     return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), np.uint8)
-
-
-def _bytes(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:  # the file no longer exists, or is a broken link: `pictures` counts a failure
-        return 0
 
 
 class CameraSource(PictureSource):

@@ -225,6 +225,50 @@ def _single_inputs(name: str) -> list[str]:
     return videos or [name]
 
 
+def image_paths(name: str) -> list[Path]:
+    """Return the images of a folder or a pattern, in the order of their numbers.
+
+    Raises SourceError if no image exists. A pattern has one ``%d`` or ``%04d`` in its file name.
+    """
+    # Some systems put a hidden file with the same suffix beside each image.
+    folder, accepted = Path(name), re.compile(r"[^.].*", re.DOTALL)
+    number = NUMBER.search(folder.name)
+    if number and not is_there(folder):
+        before, after = folder.name[: number.start()], folder.name[number.end() :]
+        digits = f"[0-9]{{{number[1]},}}" if number[1] else "[0-9]+"
+        accepted = re.compile(re.escape(before) + digits + re.escape(after))
+        folder = folder.parent
+    try:
+        paths = [
+            path
+            for path in folder.iterdir()
+            if path.suffix.lower() in IMAGE_SUFFIXES and accepted.fullmatch(path.name)
+        ]
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise SourceError(f"{name}: no such folder; check the path") from error
+    except OSError as error:
+        raise cannot_read(name, error) from error
+    if not paths:
+        raise SourceError(f"{name}: no image there; give a folder or a pattern of images")
+    return sorted(paths, key=_numerical_order)
+
+
+def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Return a key that sorts ``f2`` before ``f10``."""
+    parts = re.split(r"([0-9]+)", path.name)  # text, number, text, ...
+    order = [(int(part), "") if place % 2 else (-1, part) for place, part in enumerate(parts)]
+    return order, path.name
+
+
+def bytes_of(name: str) -> int | None:
+    """Return the size of a file, or of all images of a sequence; None for any other input."""
+    try:
+        files = [name] if is_file(name) else filter(is_file, image_paths(name))
+    except SourceError:
+        return None
+    return sum(map(os.path.getsize, files))
+
+
 def truth_beside(name: str | Path) -> Path:
     """Return the path of an input's ground truth, which may not exist."""
     path, folder = Path(name), is_folder(name)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+import cv2
 import pytest
 
 from oppload_cli.errors import OutputError
@@ -17,9 +19,6 @@ from oppload_cli.results.alarms import verdicts_in
 from oppload_cli.results.table import DetectionsFile
 from oppload_cli.video.inputs import Span, parse_position
 from tests.media import grey_frames, write_video
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PLACES = ["opplod", "dlgmd"]
 
@@ -131,7 +130,7 @@ def test_an_outcome_of_a_kept_result_is_that_of_its_run(task: Task, tmp_path: Pa
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"input/bytes": 7}, "is a result of another input, "),
+        ({"input/bytes": 7}, "is a result of an input of 7 bytes, not "),
         ({"input/name": "b.avi"}, "is a result of another input, b.avi; choose --if-exists"),
         ({"models": ["dlgmd", "opplod"]}, "of the models dlgmd, opplod, not opplod, dlgmd"),
         ({"columns": "all"}, "with --columns all, not usual"),
@@ -155,6 +154,39 @@ def test_a_result_of_another_task_is_named(
     with pytest.raises(OutputError) as caught:
         kept_as(task, tmp_path, change)
     assert said in str(caught.value)
+
+
+def test_a_result_of_another_file_of_the_same_name_and_size_is_named(
+    task: Task, tmp_path: Path
+) -> None:
+    (tmp_path / "cam2").mkdir()
+    copy = tmp_path / "cam2" / "a.avi"
+    content = bytearray(Path(task.name).read_bytes())
+    copy.write_bytes(content)
+    assert kept_as(task, tmp_path, {"input/name": str(copy)}) is not None
+    content[-1] ^= 1
+    copy.write_bytes(content)
+    with pytest.raises(OutputError, match=r"is a result of another input, .*cam2"):
+        kept_as(task, tmp_path, {"input/name": str(copy)})
+
+
+@pytest.mark.parametrize("pattern", ["", "/%d.png"])
+def test_a_result_of_images_that_have_changed_is_named(pattern: str, tmp_path: Path) -> None:
+    images = tmp_path / "images"
+    images.mkdir()
+    for number, frame in enumerate(grey_frames(6)):
+        cv2.imwrite(str(images / f"{number}.png"), frame)
+    task = Task(
+        f"{images}{pattern}",
+        resolve(models=PLACES, height="24", measure_rmo=False),
+        Outputs.of(tmp_path / "out", "images", PLACES),
+        if_exists=IfExists.SKIP,
+    )
+    run_task(task)
+    assert exists_already(task) is not None
+    (images / "6.png").write_bytes((images / "5.png").read_bytes())
+    with pytest.raises(OutputError, match=r"is a result of an input of \d+ bytes, not \d+; choose"):
+        exists_already(task)
 
 
 def test_what_has_no_effect_on_a_result_does_not_matter(task: Task, tmp_path: Path) -> None:
