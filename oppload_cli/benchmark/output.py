@@ -29,13 +29,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.evaluation.evaluate import Evaluation
+    from oppload_cli.files.atomic import PartFile
 
 _SCHEMA = "oppload.benchmark/1"
 _LEAST, _MOST = 1e-3, 10.0  # widest range of the shades, in responses to the looming disk
 _LEAST_ROWS = 5  # the figure is at least as high, so that the numbers at its colour bar are apart
 _ROWS_FOR_LABEL = 6  # from this number of rows on, the colour bar is high enough for its long label
-_SIDECAR = "benchmark.json"
-_FILES = ("stimuli.csv", "summary.csv", _SIDECAR, "benchmark.html")
+SIDECAR = "benchmark.json"
+_FILES = ("stimuli.csv", "summary.csv", SIDECAR, "benchmark.html")
 
 
 class _Cells(NamedTuple):
@@ -158,7 +159,7 @@ def refuse_other(folder: Path, settings: Mapping[str, Any]) -> None:
     other = [key for key in wanted if not earlier or earlier.get(key, wanted[key]) != wanted[key]]
     if other:
         raise OutputError(
-            f"{folder / _SIDECAR}: is a benchmark with other {' and '.join(other)}; choose "
+            f"{folder / SIDECAR}: is a benchmark with other {' and '.join(other)}; choose "
             "--if-exists overwrite, or another --output"
         )
 
@@ -166,7 +167,7 @@ def refuse_other(folder: Path, settings: Mapping[str, Any]) -> None:
 def _earlier_sidecar(folder: Path) -> dict[str, Any] | None:
     """Return the content of a folder's ``benchmark.json``; None without it, empty if damaged."""
     try:
-        content = json.loads((folder / _SIDECAR).read_text("utf-8"))
+        content = json.loads((folder / SIDECAR).read_text("utf-8"))
     except FileNotFoundError:
         return None
     except (OSError, ValueError):
@@ -175,13 +176,15 @@ def _earlier_sidecar(folder: Path) -> dict[str, Any] | None:
 
 
 def write_benchmark(
-    benchmark: Benchmark, folder: Path, *, command: Sequence[str], settings: Mapping[str, Any]
+    benchmark: Benchmark, sidecar: PartFile, *, command: Sequence[str], settings: Mapping[str, Any]
 ) -> Iterator[Path]:
-    """Write all files of a benchmark into a folder; yield each path after the file was written.
+    """Write all files of a benchmark; yield each path after the file was written.
 
-    ``benchmark.json`` gets the command line and the settings from :func:`settings_of`. Raises
-    OutputError if a file cannot be written.
+    `sidecar` is the part file of ``benchmark.json``, which keeps other runs out of its folder. It
+    gets the command line and the settings from :func:`settings_of`. Raises OutputError if a file
+    cannot be written.
     """
+    folder = sidecar.path.parent
     # Delete the files of an earlier benchmark, also figures that this benchmark does not make.
     earlier = () if _earlier_sidecar(folder) is None else (f"{table.name}.pdf" for table in TABLES)
     for name in (*earlier, *_FILES):
@@ -200,8 +203,8 @@ def write_benchmark(
         pictures[each.name] = image_bytes(figure, "png", 160)
         yield path
     facts = {"schema": _SCHEMA, "tool": environment(), "command": list(command)}
-    write_sidecar(folder / _SIDECAR, {**facts, **settings})
-    yield folder / _SIDECAR
+    write_sidecar(sidecar, {**facts, **settings})
+    yield sidecar.path
     write_atomic(folder / "benchmark.html", _page(benchmark, summaries, pictures))
     yield folder / "benchmark.html"
 

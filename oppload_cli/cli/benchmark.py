@@ -8,13 +8,19 @@ from pathlib import Path
 import click
 
 from oppload_cli.benchmark.battery import TABLES, columns_of, show
-from oppload_cli.benchmark.output import Benchmark, refuse_other, settings_of, write_benchmark
+from oppload_cli.benchmark.output import (
+    SIDECAR,
+    Benchmark,
+    refuse_other,
+    settings_of,
+    write_benchmark,
+)
 from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.detectors import chosen_detectors
 from oppload_cli.evaluation.evaluate import evaluate
 from oppload_cli.evaluation.manifest import read_manifest
-from oppload_cli.files.atomic import make_folder
+from oppload_cli.files.atomic import claimed
 
 
 @click.command()
@@ -60,32 +66,33 @@ def benchmark(
     tables = [table.name for table in TABLES if table.name in chosen or not chosen]
     settings = settings_of(detectors, tables, manifest)
     read = read_manifest(manifest) if manifest else None
-    make_folder(output)
-    if if_exists == "error":
-        refuse_other(output, settings)
     counts: list[int] = []
-    with progress_bar(None, "stimulus", quiet=quiet) as bar:
+    # Files of a benchmark with the same settings may exist: this run goes on with it.
+    with claimed(output / SIDECAR, "overwrite") as claim:
+        if if_exists == "error":
+            refuse_other(output, settings)
+        with progress_bar(None, "stimulus", quiet=quiet) as bar:
 
-        def progress(done: int, total: int) -> None:
-            counts.append(done)
-            bar.total = total
-            bar.update(done - bar.n)
+            def progress(done: int, total: int) -> None:
+                counts.append(done)
+                bar.total = total
+                bar.update(done - bar.n)
 
-        folder = output / "stimuli"
-        shown = show(columns, detectors, folder, jobs=jobs, progress=progress)
-    if counts[0]:
-        say(
-            f"{counts[0]} of {counts[-1]} stimuli kept from an earlier run of the same code "
-            f"({folder})"
-        )
-    clips = None
-    if read is not None:
-        with progress_bar(len(read.entries), "clip", quiet=quiet) as clip_bar:
-            clips = evaluate(read, detectors, jobs=jobs, progress=clip_bar.update)
-        for fault in (*read.notes, *clips.faults):
-            say(f"oppload: {fault}")
-    found = Benchmark(shown, detectors, clips)
-    command = ["oppload", *sys.argv[1:]]
-    for path in write_benchmark(found, output, command=command, settings=settings):
-        click.echo(path)
+            folder = output / "stimuli"
+            shown = show(columns, detectors, folder, jobs=jobs, progress=progress)
+        if counts[0]:
+            say(
+                f"{counts[0]} of {counts[-1]} stimuli kept from an earlier run of the same code "
+                f"({folder})"
+            )
+        clips = None
+        if read is not None:
+            with progress_bar(len(read.entries), "clip", quiet=quiet) as clip_bar:
+                clips = evaluate(read, detectors, jobs=jobs, progress=clip_bar.update)
+            for fault in (*read.notes, *clips.faults):
+                say(f"oppload: {fault}")
+        found = Benchmark(shown, detectors, clips)
+        command = ["oppload", *sys.argv[1:]]
+        for path in write_benchmark(found, claim, command=command, settings=settings):
+            click.echo(path)
     return ExitCode.INCOMPLETE if clips and clips.faults else ExitCode.DONE

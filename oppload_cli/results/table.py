@@ -234,13 +234,13 @@ def fault_of_rows(table: Path, sidecar: Mapping[str, Any]) -> str:
     return "" if found == written else f"holds {found} complete rows, but its run wrote {written}"
 
 
-def write_sidecar(path: Path, content: dict[str, Any]) -> None:
+def write_sidecar(target: Path | PartFile, content: dict[str, Any]) -> None:
     """Write `content` as JSON, with the schema of a result unless it has a schema.
 
     Raises OutputError if the file cannot be written.
     """
     text = json.dumps({"schema": SCHEMA, **content}, indent=2, allow_nan=False)
-    write_atomic(path, text + "\n")
+    write_atomic(target, text + "\n")
 
 
 class DetectionsFile(PartFile):

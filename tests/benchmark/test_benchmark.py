@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import shutil
+import sys
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -26,6 +27,7 @@ from oppload_cli.benchmark.output import Benchmark, _drawn, _limits
 from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors
+from oppload_cli.files.atomic import claimed
 from oppload_cli.models import registry
 from tests.cli import inside
 from tests.media import grey_frames, write_video
@@ -240,6 +242,16 @@ def test_the_command_writes_tables_figures_and_a_page(made: Path) -> None:
     assert told.startswith("2 of 2 stimuli kept from an earlier run")
     again = {path.name: path.read_bytes() for path in made.iterdir() if path.is_file()}
     assert again == first
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no locks")
+@pytest.mark.usefixtures("_small_battery")
+def test_of_two_benchmarks_in_one_folder_the_second_is_refused(tmp_path: Path) -> None:
+    with claimed(tmp_path / "benchmark.json", "overwrite"):
+        refused = inside.oppload(*benchmark_in(tmp_path, *NAMES))
+    assert refused.returncode == 2
+    assert "benchmark.json: another run is writing it; wait for that one" in refused.stderr
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.usefixtures("_small_battery", "undrawn")
