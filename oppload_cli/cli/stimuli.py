@@ -111,7 +111,7 @@ def generate(
     from oppload_cli.stimulus.files import not_made_yet, stimuli_named, write_all
 
     protocols, problems = stimuli_named(names, parsed_settings(changes), form)
-    wanted = not_made_yet(protocols, output, form, if_exists)
+    wanted = not_made_yet(protocols, output, form, if_exists, preview=preview)
     say_remarks(protocols)
     if form == "mp4":
         say("note: mp4 (H.264) is lossy; use ffv1 for exact luminance")

@@ -157,9 +157,11 @@ def stimuli_named(
 
 
 def not_made_yet(
-    protocols: Sequence[Protocol], directory: Path, form: str, if_exists: str
+    protocols: Sequence[Protocol], directory: Path, form: str, if_exists: str, *, preview: bool
 ) -> list[Protocol]:
     """Return the stimuli to write; `if_exists` is ``error``, ``skip`` or ``overwrite``.
+
+    With ``skip``, a stimulus is written unless all its files exist, with `preview` also its sheet.
 
     Raises
     ------
@@ -170,8 +172,9 @@ def not_made_yet(
     """
     wanted = []
     for protocol in protocols:
-        video, truth = _paths(protocol, directory, form)
-        old = [path for path in (video, truth) if os.path.lexists(path)]
+        video, truth, sheet = _paths(protocol, directory, form)
+        paths = [video, truth, sheet] if preview else [video, truth]
+        old = [path for path in paths if os.path.lexists(path)]
         if old and if_exists == "error":
             raise OutputError(
                 f"{old[0]}: exists already; choose --if-exists overwrite or skip, or another "
@@ -189,15 +192,15 @@ def not_made_yet(
                 f"{old[0]}: exists already, {difference}; choose --if-exists overwrite, or "
                 "another --output"
             )
-        if len(old) < 2 or if_exists == "overwrite":
+        if len(old) < len(paths) or if_exists == "overwrite":
             wanted.append(protocol)
     return wanted
 
 
-def _paths(protocol: Protocol, directory: Path, form: str) -> tuple[Path, Path]:
-    """Return the paths of a stimulus's video and of its ground truth."""
-    stem = file_stem(protocol.name)
-    return directory / f"{stem}{FORMATS[form].suffix}", directory / f"{stem}{GROUND_TRUTH}"
+def _paths(protocol: Protocol, directory: Path, form: str) -> tuple[Path, Path, Path]:
+    """Return the paths of a stimulus's video, of its ground truth and of its contact sheet."""
+    stem = str(directory / file_stem(protocol.name))
+    return Path(stem + FORMATS[form].suffix), Path(stem + GROUND_TRUTH), Path(f"{stem}.preview.png")
 
 
 def _in_other_formats(protocol: Protocol, directory: Path, form: str) -> list[Path]:
@@ -257,8 +260,7 @@ def write(
     renderer = Renderer(protocol)
     _check_fits(protocol, form, protocol.name)
     display, count = protocol.display, protocol.frame_count
-    video, truth = _paths(protocol, Path(directory), form)
-    sheet = Path(directory, f"{file_stem(protocol.name)}.preview.png") if preview else None
+    video, truth, sheet = _paths(protocol, Path(directory), form)
     shown = sheet_frames(count) if preview else []
     previewed: list[Grey] = []
     shape = count, display.height, display.width
@@ -273,7 +275,7 @@ def write(
     try:
         texts = ground_truth_text(protocol)  # with the name of a file, which may be of any bytes
         write_atomic(truth, (text.encode(errors="backslashreplace") for text in texts))
-        if sheet is not None:
+        if preview:
             times = [protocol.time_of(index) for index in shown]
             write_atomic(sheet, png_bytes(contact_sheet(previewed, times_s=times)))
     except BaseException:
@@ -281,7 +283,7 @@ def write(
         for path in (video, truth):
             remove(path)
         raise
-    return Written(video, truth, sheet, count)
+    return Written(video, truth, sheet if preview else None, count)
 
 
 def write_all(

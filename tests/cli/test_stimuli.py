@@ -185,6 +185,12 @@ def test_existing_files(tmp_path: Path) -> None:
     changed = (*words, "--change", "disk.luminance=0.4")
     kept = run(*words, "--if-exists", "skip")
     assert (kept.returncode, kept.stdout) == (0, "")
+    lacking = run(*words, "--if-exists", "skip", "--preview")
+    assert (lacking.returncode, lacking.stdout.strip()) == (0, str(path))
+    sheet = path.with_suffix(".preview.png")
+    sheet.write_bytes(sheet.read_bytes() + b"kept")
+    assert run(*words, "--if-exists", "skip", "--preview").stdout == ""
+    assert sheet.read_bytes().endswith(b"kept")
     others = run(*changed, "--if-exists", "skip")
     assert others.returncode == ExitCode.USAGE
     assert "exists already, with another object" in others.stderr
