@@ -272,6 +272,8 @@ def bytes_of(name: str) -> int | None:
 def truth_beside(name: str | Path) -> Path:
     """Return the path of an input's ground truth, which may not exist."""
     path, folder = Path(name), is_folder(name)
+    if not folder and NUMBER.search(path.name) and not is_there(name):
+        path, folder = path.parent, True  # a pattern of the images in a folder
     if folder and path.name in {"", ".."}:  # such as ".": its own name is in its complete path
         path = path.absolute().resolve()
     # The name of a folder may have a dot, as in `disk_l-over-v-2.5`, but has no suffix.

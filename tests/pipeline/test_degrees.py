@@ -95,10 +95,10 @@ def test_images_have_the_rate_and_the_degrees_of_the_ground_truth_beside_their_f
     monkeypatch.chdir(folder)
     for content, rate in (("{}", (Fraction(30), True)), (json.dumps(truth), (Fraction(85), False))):
         beside.write_text(content)
-        for name in (str(folder), ".", f"../{folder.name}"):
+        for name in (str(folder), ".", f"../{folder.name}", "%d.png", str(folder / "%d.png")):
             with oppload.open_video(name) as video:
                 assert (video.facts.frame_rate, video.facts.rate_assumed) == rate
-    sidecar = oppload.run(".", models=["opplod"], rmo=False, height=60).sidecar
+    sidecar = oppload.run("%d.png", models=["opplod"], rmo=False, height=60).sidecar
     assert sidecar["field_of_view"]["horizontal_deg"] == pytest.approx(60)
     slow = oppload.run(".", models=["opplod"], rmo=False, height=60, rate=30).sidecar
     said = "the rate given is 30 frames/s, but that of the ground truth 85; the given one is used"
