@@ -212,6 +212,12 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
         if not isinstance(of_clip, dict):
             faults.append(f"{path}: {name}: must be an object of frames; correct it")
             of_clip = {}
+        if of_clip and not entry.label.looming:
+            faults.append(
+                f"{path}: {name}: has boxes, but is labelled {_NONE}, so that they do not count; "
+                f"remove them, or label it {_LOOMING}"
+            )
+            of_clip = {}
         for frame, box in of_clip.items():
             fault = _fault_of_box(frame, box)
             if fault:

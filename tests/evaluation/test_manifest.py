@@ -174,13 +174,23 @@ def test_one_manifest_is_taken() -> None:
     ],
 )
 def test_a_wrong_box_is_named_and_the_rest_stands(folder: Path, entry: object) -> None:
-    manifest = read_manifest(written(folder, "a.avi,looming,1,9", "b.avi,none,,"))
+    manifest = read_manifest(written(folder, "a.avi,looming,1,9", "b.avi,looming,1,9"))
     content = {"a.avi": entry, "b.avi": {"3": [0, 0, 1, 1]}}
     (folder / "boxes.json").write_text(json.dumps(content))
     found = with_boxes(manifest)
     assert [entry.label.boxes for entry in found.entries] == [{}, {3: (0, 0, 1, 1)}]
     (fault,) = found.faults
     assert fault.startswith(f"{folder / 'boxes.json'}: a.avi: ")
+
+
+def test_boxes_of_a_clip_without_a_looming_object_do_not_count(folder: Path) -> None:
+    manifest = read_manifest(written(folder, "a.avi,looming,1,9", "b.avi,none,,", "c.avi,none,,"))
+    boxes = {"3": [0, 0, 1, 1]}
+    (folder / "boxes.json").write_text(json.dumps({"a.avi": boxes, "b.avi": boxes, "c.avi": {}}))
+    found = with_boxes(manifest)
+    assert [entry.label.boxes for entry in found.entries] == [{3: (0, 0, 1, 1)}, {}, {}]
+    (fault,) = found.faults
+    assert "boxes.json: b.avi: has boxes, but is labelled none" in fault
 
 
 @pytest.mark.parametrize("content", ["", "[1]", "{", "[" * 100_000])
