@@ -30,7 +30,13 @@ from oppload_cli.files.html import embedded, rendered
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.report.page import Content, Curve
-from oppload_cli.results.reading import find_video, read_result, stem_of, title_and_input
+from oppload_cli.results.reading import (
+    find_video,
+    frame_ends,
+    read_result,
+    stem_of,
+    title_and_input,
+)
 from oppload_cli.version import __version__
 from oppload_cli.video.colour import Colour, colour_size
 from oppload_cli.video.inputs import REPORTED, Position, Span
@@ -71,7 +77,7 @@ class _IndexRow(NamedTuple):
     sparks: list[tuple[str, str, str]]  # label, colour and SVG path of each curve
     # Label and colour of the detector, time in seconds, frame and peak of each alarm.
     alarms: list[tuple[str, str, float, int, float]]
-    duration_s: float  # from the first to the last frame
+    duration_s: float  # from the first frame to the end of the last one
     peak: float  # largest response divided by its threshold, or, without a threshold, by its peak
     thresholded: bool  # whether the peak is divided by a threshold
     reason: str  # why a peak above the threshold caused no alarm, or one below it did; else empty
@@ -230,7 +236,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
             (span.curve.label, span.curve.colour, span.start_s, span.frame, span.peak)
             for span in content.alarms
         ],
-        float(times[-1] - times[0]),
+        float(frame_ends(times)[-1] - times[0]),
         strongest.peak,
         strongest.thresholded,
         content.reason.removeprefix(", which "),
