@@ -346,7 +346,7 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
         Its sidecar has the path of the input from the folder in which the run was started. The
         function looks for this path from the current folder and beside the result.
     moved : Path, optional
-        Where the input is now, or the folder that holds it.
+        Where the input is now, or a folder that holds it, maybe in some of the folders of its path.
 
     Raises
     ------
@@ -355,9 +355,7 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
     """
     facts = result.part("input")
     name, kind = facts.get("name"), facts.get("kind")
-    if moved is not None and (
-        not is_folder(moved) or kind == "images" or not isinstance(name, str)
-    ):
+    if moved is not None and not (is_folder(moved) and isinstance(name, str)):
         return str(moved)
     if not isinstance(name, str) or not name:
         raise SourceError(
@@ -367,11 +365,17 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
         raise SourceError(f"{name}: frames of a camera or a stream are not kept")
     path = Path(name)
     folder = result.path.parent
-    places = [moved / path.name] if moved else [path, folder / path, folder / path.name]
+    places = [path, folder / path, folder / path.name]
+    if moved:
+        parts = [part for part in path.parts if part not in {path.anchor, ".."}]
+        places = [Path(moved, *parts[at:]) for at in range(len(parts) + 1)]
     for place in places:
         if is_file(place) or (kind == "images" and _holds_images(place)):
             return f"./{place}" if is_camera(str(place)) else str(place)
-    raise SourceError(f"{name}: is not found; say where it is with --video (in Python video=PATH)")
+    where = f" below {moved}" if moved else ""
+    raise SourceError(
+        f"{name}: is not found{where}; say where it is with --video (in Python video=PATH)"
+    )
 
 
 def _holds_images(path: Path) -> bool:

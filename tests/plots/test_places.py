@@ -9,7 +9,7 @@ import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.patches import Rectangle
 
-from oppload_cli.errors import ResultError
+from oppload_cli.errors import ResultError, SourceError
 from oppload_cli.plots.places import plot_places, still_of
 from oppload_cli.results.reading import find_video, read_result
 from tests.media import write_video
@@ -65,6 +65,27 @@ def test_the_video_is_found_beside_the_result(tmp_path: Path) -> None:
     result = result_of_video(tmp_path, "elsewhere/clip.avi")
     still = still_of(result, find_video(result))
     np.testing.assert_allclose(still * 255, 60, atol=1)
+
+
+def test_inputs_that_moved_are_found_in_the_folders_of_their_paths(tmp_path: Path) -> None:
+    new = tmp_path / "new"
+    for name in ("s02/clip.avi", "clip.avi", "s02/frames/1.png", "frames/1.png", "own.avi"):
+        (new / name).parent.mkdir(parents=True, exist_ok=True)
+        (new / name).touch()
+    result = read_result(write_result(tmp_path / "clip.frames.csv"))
+    for kind, name, moved, found in (
+        ("container", "../lab/s02/clip.avi", new, new / "s02" / "clip.avi"),
+        ("container", "/lab/s01/clip.avi", new, new / "clip.avi"),
+        ("container", "s02/clip.avi", new / "own.avi", new / "own.avi"),
+        ("images", "lab/s02/frames", new, new / "s02" / "frames"),
+        ("images", "lab/s02/%d.png", new / "frames", new / "frames" / "%d.png"),
+        ("images", "lab/s02", new / "frames", new / "frames"),
+    ):
+        sidecar = {"input": {"name": name, "kind": kind}}
+        assert find_video(replace(result, sidecar=sidecar), moved) == str(found)
+    gone = {"input": {"name": "s02/gone.avi", "kind": "container"}}
+    with pytest.raises(SourceError, match=r"s02/gone\.avi: is not found below .*new; say where"):
+        find_video(replace(result, sidecar=gone), new)
 
 
 def test_the_title_says_how_strong_the_peak_is_and_whether_there_is_an_object(
