@@ -364,10 +364,10 @@ class _Batch:
         Return whether both lists could be written.
         """
         self._progress.close()
-        tally = self._tally
+        tally, stems = self._tally, dict(self._plan.inputs)
         lists: list[Callable[[], None]] = [partial(write_failures, self._failures, tally.failures)]
         if tally.verdicts:
-            lists.append(partial(write_alarms, self._alarms, tally.verdicts))
+            lists.append(partial(write_alarms, self._alarms, tally.verdicts, stems))
         written = True
         for write in lists:
             try:
@@ -377,7 +377,6 @@ class _Batch:
                 written = False
         if self._verbosity >= 0:
             wall_s = time.monotonic() - self._begun
-            stems = dict(self._plan.inputs)
             alarms = self._tally.alarms(_LISTED, self._alarms, stems) if self._shown else ()
             for line in (*self._rows.legend(), *self._tally.table(wall_s), *alarms):
                 say(line)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from oppload_cli.results.table import FrameRecord
 
 ALARM_COLUMNS = (  # of alarms.csv
-    *("video", "model", "start_frame", "start_s", "end_s", "peak_over_threshold"),
+    *("result", "video", "model", "start_frame", "start_s", "end_s", "peak_over_threshold"),
     *(*Box._fields, "time_to_contact_s"),
 )
 
@@ -216,24 +216,29 @@ def label_of(model: str) -> str:
     return detector_named(model).label if model in known_names() else model
 
 
-def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
+def write_alarms(
+    path: Path, found: Mapping[str, Iterable[Verdict]], stems: Mapping[str, str]
+) -> None:
     """Write ``alarms.csv``: a row per alarm, sorted by input, from the verdicts by input.
 
-    The file keeps its rows of other inputs. So a second batch into the same folder, for example
-    with the inputs that failed, adds to the file. Raises OutputError if it cannot be written.
+    `stems` are the names of the results by input. The file keeps its rows of other results. So a
+    second batch into the same folder, for example with the inputs that failed, adds to the file.
+    Raises OutputError if it cannot be written.
     """
-    names = set(map(printable, found))
+    replaced = {printable(stems[video]) for video in found}
     with open_csv(path, ALARM_COLUMNS) as table:  # first: two batches may end at the same time
         rows: list[dict[str, Any]] = [
-            row for row in rows_of(path, ALARM_COLUMNS) if row["video"] not in names
+            row for row in rows_of(path, ALARM_COLUMNS) if row["result"] not in replaced
         ]
         for video, verdicts in found.items():
-            rows += [_row(video, each.model, alarm) for each in verdicts for alarm in each.alarms]
+            about = {"result": printable(stems[video]), "video": printable(video)}
+            for each in verdicts:
+                rows += [about | _row(each.model, alarm) for alarm in each.alarms]
         for row in sorted(rows, key=lambda row: row["video"]):
             table.write(row)
 
 
-def _row(video: str, model: str, alarm: _AlarmEvent) -> dict[str, Any]:
-    row = {"video": printable(video), "model": model, **asdict(alarm)}
+def _row(model: str, alarm: _AlarmEvent) -> dict[str, Any]:
+    row = {"model": model, **asdict(alarm)}
     box = row.pop("box") or [None] * 4
     return row | dict(zip(Box._fields, box, strict=True))

@@ -200,7 +200,7 @@ def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_table_of_alarms_is_no_list(tmp_path: Path) -> None:
     path = tmp_path / "alarms.csv"
-    write_alarms(path, {})
+    write_alarms(path, {}, {})
     with pytest.raises(ParameterError, match="is a table of alarms, not a list; give a failures"):
         read_list(str(path))
 

@@ -165,14 +165,16 @@ def test_they_come_back_from_a_sidecar_and_a_second_batch_adds_rows(tmp_path: Pa
     sidecar = json.loads(json.dumps({"alarms": {"opplod": found.as_dict()}}))
     assert verdicts_in(sidecar) == (found,)
     path = tmp_path / "alarms.csv"
-    write_alarms(path, {"b.mp4": [found], "a.mp4": [verdict([0], [])]})
+    stems = {"b.mp4": "b", "a.mp4": "a", "./a.mp4": "a", "c.mp4": "c"}
+    write_alarms(path, {"b.mp4": [found], "a.mp4": [found]}, stems)
     path.write_text(path.read_text(), encoding="utf-8-sig")  # as spreadsheets save it
-    write_alarms(path, {"c.mp4": [found], "a.mp4": [found]})
-    write_alarms(path, {"c.mp4": []})
+    # A second run may name its inputs otherwise.
+    write_alarms(path, {"c.mp4": [found], "./a.mp4": [found]}, stems)
+    write_alarms(path, {"c.mp4": [verdict([0], [])]}, stems)
     rows = rows_of(path)
-    assert [row["video"] for row in rows] == ["a.mp4", "b.mp4"]
+    assert [row["video"] for row in rows] == ["./a.mp4", "b.mp4"]
     assert rows[0] == {
-        "video": "a.mp4", "model": "opplod", "start_frame": "1", "start_s": "0.1",
+        "result": "a", "video": "./a.mp4", "model": "opplod", "start_frame": "1", "start_s": "0.1",
         "end_s": "0.1", "peak_over_threshold": "1.5", "x": "1", "y": "0", "width": "9",
         "height": "9", "time_to_contact_s": "",
     }  # fmt: skip
@@ -182,20 +184,22 @@ def test_of_two_batches_that_end_at_the_same_time_none_loses_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, found = tmp_path / "alarms.csv", [verdict([0, 3, 0], on=[1])]
+    stems = {"a.mp4": "a", "b.mp4": "b"}
     monkeypatch.setattr(atomic, "_DYING_S", 0)
 
     def read_later(_: Path, _columns: object) -> list[dict[str, str]]:
         with pytest.raises(BusyError):
-            write_alarms(path, {"a.mp4": found})
+            write_alarms(path, {"a.mp4": found}, stems)
         return []
 
     monkeypatch.setattr(alarms, "rows_of", read_later)
-    write_alarms(path, {"b.mp4": found})
+    write_alarms(path, {"b.mp4": found}, stems)
 
 
 def test_a_second_batch_replaces_rows_of_a_name_that_no_text_can_hold(tmp_path: Path) -> None:
     path = tmp_path / "alarms.csv"
+    name = "a\udcff\n.mp4"
     for _ in range(2):
-        write_alarms(path, {"a\udcff\n.mp4": [verdict([0, 3, 0], on=[1])]})
+        write_alarms(path, {name: [verdict([0, 3, 0], on=[1])]}, {name: "a\udcff"})
     rows = rows_of(path)
     assert [row["video"] for row in rows] == [r"a\udcff\n.mp4"]

@@ -20,7 +20,7 @@ NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]\d+)?")
 # MATLAB's isvarname, and R's make.names without its leading dots: such names are kept as they are.
 NAME = re.compile(r"[A-Za-z]\w{0,62}")
 WORDS = {"for", "if", "end", "function", "break", "next", "while", "case", "NA", "TRUE", "Inf"}
-TEXTS = {"video", "model", "input", "stem", "error", "blind"}
+TEXTS = {"result", "video", "model", "input", "stem", "error", "blind"}
 
 
 @pytest.fixture(scope="module")

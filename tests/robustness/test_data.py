@@ -114,7 +114,7 @@ def test_bad_sidecars_are_named_and_do_not_stop_the_others(
         (
             "alarms.csv",
             f"{','.join(ALARM_COLUMNS)}\na,opplod\n",
-            lambda path: write_alarms(path, {}),
+            lambda path: write_alarms(path, {}, {}),
         ),
         (
             "failures.csv",
