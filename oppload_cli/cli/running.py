@@ -10,7 +10,6 @@ import sys
 import time
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -235,8 +234,8 @@ def _make_pages(tasks: Iterator[Task], options: RunOptions) -> int:
 def _plan_of(inputs: tuple[str, ...], options: RunOptions) -> Plan:
     shard = parse_shard(options.shard) if options.shard else None
     listed = read_list(options.files_from, null=options.null) if options.files_from else []
-    if not options.recursive and not options.quiet:
-        for sentence in chain.from_iterable(map(left_out, inputs)):
+    for name in () if options.quiet else inputs:
+        for sentence in left_out(name, recursive=options.recursive):
             say(f"oppload: {sentence}")
     plan = planned([*inputs, *listed], recursive=options.recursive)
     return plan.shard(*shard) if shard else plan

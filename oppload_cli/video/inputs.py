@@ -30,7 +30,7 @@ from oppload_cli.schema import is_integer
 from oppload_cli.video.frames import FrameTimes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from oppload_cli.video.frames import Picture, PictureSource
 
@@ -116,9 +116,7 @@ def _below_fixed_part(pattern: str, match: str) -> str:
 def _searched(root: str) -> Iterator[_Found]:
     errors: list[OSError] = []
     empty = True
-    for folder, subfolders, files in os.walk(root, onerror=errors.append):
-        subfolders[:] = sorted(each for each in subfolders if not each.startswith("."))
-        names, images = _inputs_of(files)
+    for folder, names, images in _walked(root, errors.append):
         paths = [os.path.join(folder, each) for each in names]  # noqa: PTH118
         # Without pipes, for which the batch would wait; the run of a broken link fails.
         videos = [each for each in paths if not _is_pipe_or_device(each)]
@@ -136,13 +134,34 @@ def _searched(root: str) -> Iterator[_Found]:
         yield _no_input(root, reason)
 
 
-def left_out(name: str) -> Iterator[str]:
-    """Yield sentences on inputs in a folder that `found_inputs` leaves out without `recursive`.
+def _walked(
+    root: str, on_error: Callable[[OSError], object] | None = None
+) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Yield each folder from `root` on, with the names of its videos and its numbered images."""
+    for folder, subfolders, files in os.walk(root, onerror=on_error):
+        subfolders[:] = sorted(each for each in subfolders if not each.startswith("."))
+        yield folder, *_inputs_of(files)
 
-    These inputs are folders with inputs, and images beside videos. An image whose name begins with
-    that of a video is a figure of the video, not an input.
+
+def left_out(name: str, *, recursive: bool = False) -> Iterator[str]:
+    """Yield sentences on inputs in a folder that `found_inputs` leaves out.
+
+    These inputs are images beside videos and, without `recursive`, folders with inputs. An image
+    whose name begins with that of a video is a figure of the video, not an input.
     """
     if not name:  # no input at all, though a path takes it for this folder
+        return
+    if recursive:
+        mixed = [
+            os.path.relpath(folder, name)
+            for folder, videos, images in _walked(name)
+            if videos and _without_figures(images, videos)
+        ]
+        if mixed:
+            yield (
+                f"{name}: {_listed(mixed, 'folder')} read without the numbered images that lie "
+                "beside videos; give the images a folder of their own"
+            )
         return
     try:
         entries = sorted(each for each in Path(name).iterdir() if not each.name.startswith("."))
@@ -157,14 +176,19 @@ def left_out(name: str) -> Iterator[str]:
         return
     if folders:
         yield f"{name}: {_listed(folders, 'folder')} left out; --recursive runs the inputs there"
-    stems = tuple(f"{each.stem}." for each in entries if is_video(each.name))
+    videos = [each.name for each in entries if is_video(each.name)]
     images = [each.name for each in entries if _suffix(each.name) in IMAGE_SUFFIXES]
-    images = [each for each in images if not each.startswith(stems)]
-    if stems and images:
+    images = _without_figures(images, videos)
+    if videos and images:
         yield (
             f"{name}: {_listed(images, 'image')} left out beside videos; give a folder of images "
             "alone, or convert an animation to a video"
         )
+
+
+def _without_figures(images: list[str], videos: list[str]) -> list[str]:
+    stems = tuple(f"{PurePath(each).stem}." for each in videos)
+    return [each for each in images if not each.startswith(stems)]
 
 
 def _listed(names: list[str], kind: str) -> str:

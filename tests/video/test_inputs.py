@@ -31,6 +31,13 @@ def test_inputs_beside_the_videos_of_a_folder_give_a_note(
     folders, images = left_out(str(tmp_path))
     assert folders.endswith("2 folders (cam, seq) are left out; --recursive runs the inputs there")
     assert ": 2 images (anim.webp, still.jpg) are left out beside videos; give a folder" in images
+    assert not list(left_out(str(tmp_path), recursive=True))
+    for name in ("a.1.png", "a.2.png", "cam/f1.png", "cam/f2.png"):  # the first two are figures
+        (tmp_path / name).touch()
+    (mixed,) = left_out(str(tmp_path), recursive=True)
+    assert ": 1 folder (cam) is read without the numbered images that lie beside videos;" in mixed
+    for name in ("cam/f1.png", "cam/f2.png"):
+        (tmp_path / name).unlink()
     for name in ("seq", "cam", "plots", "a.avi", "none"):
         assert not list(left_out(str(tmp_path / name)))
     monkeypatch.chdir(tmp_path)
