@@ -11,7 +11,14 @@ from click.core import ParameterSource
 
 import oppload_cli as oppload
 from oppload_cli.cli import check_display, options, say, show_file
-from oppload_cli.errors import ExitCode, ParameterError, ResultError, SourceError, faults_at
+from oppload_cli.errors import (
+    ExitCode,
+    ParameterError,
+    ResultError,
+    SourceError,
+    counted,
+    faults_at,
+)
 from oppload_cli.evaluation.manifest import Manifest, read_manifest
 from oppload_cli.files.atomic import PART
 from oppload_cli.models.registry import detector_named
@@ -137,9 +144,10 @@ def plot(
     kinds = {path: _kind_of(path, kind) for path in paths}
     _check_effects({name for name, _ in kinds.values()})
     chosen["manifest"] = _manifest_of(chosen["manifest"])
-    groups = [paths] if output else [[path] for path in paths]
+    groups = _groups(paths, chosen["labels"], output)
     failures: list[ResultError] = []
-    for group in groups:
+    for group, labels in groups:
+        chosen["labels"] = labels
         of_tuning = kind in _TUNING_KINDS or is_tuning(group[0])
         try:
             figure, lines = (_draw_tunings if of_tuning else _draw_results)(
@@ -160,6 +168,20 @@ def plot(
     if failures and len(failures) == len(paths):
         return failures[0].exit_code
     return ExitCode.INCOMPLETE if failures else ExitCode.DONE
+
+
+def _groups(
+    paths: Sequence[Path], labels: Sequence[str], output: Path | None
+) -> list[tuple[Sequence[Path], Sequence[str]]]:
+    """Return the results of each figure, with their labels."""
+    if output:
+        return [(paths, labels)]
+    if len(labels) not in {0, len(paths)}:
+        raise ParameterError(
+            f"{counted(len(labels), 'label')} for {counted(len(paths), 'figure')}; give one for "
+            "each, or none"
+        )
+    return [([path], labels[at : at + 1]) for at, path in enumerate(paths)]
 
 
 def _kind_of(path: Path, kind: str | None) -> tuple[str, bool]:

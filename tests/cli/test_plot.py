@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import sys
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import pytest
@@ -184,6 +185,19 @@ def test_one_figure_beside_each_result(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert done.stdout.split() == [str(path) for path in made]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in made)
+
+
+def test_each_figure_has_the_label_of_its_result(tmp_path: Path) -> None:
+    paths = [write_result(tmp_path / f"{name}.frames.csv") for name in "ab"]
+    figures = []
+    for drawn, labels in ((paths[1:], ["right"]), (paths, ["left", "right"])):
+        words = chain.from_iterable(("--label", label) for label in labels)
+        assert oppload("plot", *drawn, *words, "--scale", "raw").returncode == 0
+        figures.append((tmp_path / "b.frames.png").read_bytes())
+    assert figures[0] == figures[1]
+    done = oppload("plot", *paths, "--label", "both")
+    assert done.returncode == 2
+    assert "1 label for 2 figures; give one for each, or none" in done.stderr
 
 
 def test_a_file_beside_a_table_is_no_table(tmp_path: Path) -> None:
