@@ -43,6 +43,8 @@ def collect(
     )
     if not quiet:
         say(f"{counted(found.good, 'result')}, {counted(found.rows, 'row')} -> {output}")
+    if found.differences and not quiet:
+        say(f"oppload: the results have different settings: {found.differences}")
     if found.bad:
         lost = counted(found.bad, "result")
         say(f"oppload: {lost} could not be collected; the others are in {output}")

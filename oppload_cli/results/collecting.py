@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import defaultdict
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,6 +13,7 @@ from oppload_cli.errors import NoResultError, ResultError
 from oppload_cli.files.atomic import refuse_existing
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading
 from oppload_cli.files.tables import Cell, open_table, typed
+from oppload_cli.models.presets import NATIVE
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.cells import check_frames, kind_of_column, read_table
@@ -27,7 +29,7 @@ from oppload_cli.results.table import (
 from oppload_cli.schema import parsed_fraction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     Row = dict[str, Cell]
 
@@ -71,14 +73,19 @@ _SUMMARY_COLUMNS: dict[str, type] = {
 }
 _LIST_OF_BATCH = re.compile(r"(alarms|failures)(-\d+-of-\d+)?\.csv")
 _REMEDY = "run its input again"
+_SHOWN = 3  # most settings in the sentence on their differences
 
 
 class _Collected(NamedTuple):
-    """Number of results in the table, of results that could not be read, and of rows."""
+    """Number of results in the table, of results that could not be read, and of rows.
+
+    `differences` says in which settings the results differ; it is empty if they do not.
+    """
 
     good: int
     bad: int
     rows: int
+    differences: str
 
 
 def collect(
@@ -124,12 +131,14 @@ def collect(
     results = found.values()
     columns = _frame_columns(table for table, _ in results) if of_frames else _SUMMARY_COLUMNS
     good = bad = rows = 0
+    settings: defaultdict[str, set[str]] = defaultdict(set)
     with open_table(output, columns, new=if_exists == "error") as collected:
         for table, folder in results:
             stop_if_asked()
             name = _text(table.relative_to(folder).as_posix().removesuffix(TABLE))
             try:
-                for row in (_frame_rows if of_frames else _summary_rows)(table, name):
+                content = _sidecar(table)
+                for row in (_frame_rows if of_frames else _summary_rows)(table, name, content):
                     collected.write(row)
                     rows += 1
             except ResultError as error:
@@ -137,12 +146,34 @@ def collect(
                 bad += 1
             else:
                 good += 1
+                _add_settings(settings, content)
         if not good:
             where = ", ".join(map(str, folders))
             if bad:
                 raise NoResultError(f"{where}: no result could be read; {_REMEDY}")
             raise ResultError(f"{where}: holds no result of 'oppload run'; check the folder")
-    return _Collected(good, bad, rows)
+    return _Collected(good, bad, rows, _differences(settings))
+
+
+def _add_settings(settings: defaultdict[str, set[str]], content: dict[str, Any]) -> None:
+    """Add the settings of a result to all values of each setting.
+
+    At the native height the parameters are left out, because sizes follow from the input there.
+    """
+    height, groups = content.get("height"), content.get("parameters")
+    settings["preset"].add(str(content.get("preset")))
+    settings["--height"].add(str(height or NATIVE))
+    for group, values in groups.items() if height and isinstance(groups, dict) else ():
+        for name, value in values.items() if isinstance(values, dict) else ():
+            settings[f"{group}.{name}"].add(str(value))
+
+
+def _differences(settings: Mapping[str, set[str]]) -> str:
+    """Return the settings with several values; parameters only at one preset and one height."""
+    several = [name for name, values in settings.items() if len(values) > 1]
+    shown = [name for name in several if name in {"preset", "--height"}] or several[:_SHOWN]
+    texts = [f"{name} {', '.join(sorted(settings[name]))}" for name in shown]
+    return "; ".join(texts) + "; ..." * (shown == several[:_SHOWN] != several)
 
 
 def _frame_columns(tables: Iterable[Path]) -> dict[str, type]:
@@ -204,8 +235,7 @@ def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
     return found
 
 
-def _summary_rows(table: Path, name: str) -> Iterator[Row]:
-    content = _sidecar(table)
+def _summary_rows(table: Path, name: str, content: dict[str, Any]) -> Iterator[Row]:
     if is_file(table):  # a summary does not need the table, which may have been deleted
         _check_rows(table, content)
     try:
@@ -214,8 +244,7 @@ def _summary_rows(table: Path, name: str) -> Iterator[Row]:
         raise _incomplete(beside(table), error) from error
 
 
-def _frame_rows(table: Path, name: str) -> Iterator[Row]:
-    content = _sidecar(table)
+def _frame_rows(table: Path, name: str, content: dict[str, Any]) -> Iterator[Row]:
     facts = content.get("input")
     source = str(facts.get("name", "")) if isinstance(facts, dict) else ""
     if not is_file(table):  # also for a pipe, which might never end

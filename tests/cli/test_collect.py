@@ -97,6 +97,26 @@ def test_what_was_collected_is_counted(results: Path, tmp_path: Path) -> None:
     assert (done.returncode, len(rows_of(target))) == (0, 1)
 
 
+def test_results_of_different_settings_are_told(results: Path, tmp_path: Path) -> None:
+    """The detectors of a run and its inputs are no settings."""
+    content = json.loads((results / "deep" / "loom.oppload.json").read_text())
+    content["parameters"]["dlgmd"] |= {"group_size": 5, "threshold_factor": 2}
+    content["parameters"]["alarm"] |= {"factor": 9, "hold_s": 1}
+    preset, native = copy.deepcopy(content), copy.deepcopy(content)
+    preset["preset"], native["height"] = "reference", None
+    for other, said in (
+        (content, "dlgmd.group_size 4, 5; dlgmd.threshold_factor 1.2, 2; alarm.factor 8.0, 9; ..."),
+        (preset, "preset default, reference"),
+        (native, "--height 60, native"),
+    ):
+        (tmp_path / "other.oppload.json").write_text(json.dumps(other))
+        words = ("collect", results, tmp_path, "-o", tmp_path / "all.csv", "--if-exists")
+        done = oppload(*words, "overwrite")
+        assert done.returncode == 0
+        line = f"oppload: the results have different settings: {said}"
+        assert done.stderr.splitlines()[1:] == [line]
+
+
 def test_all_frames_in_one_table(results: Path, clip: Path, tmp_path: Path) -> None:
     assert oppload("collect", results, "-o", tmp_path / "f.csv", "--frames").returncode == 0
     table = rows_of(tmp_path / "f.csv")
@@ -119,7 +139,11 @@ def test_frames_of_one_result_with_more_columns(clip: Path, tmp_path: Path) -> N
     assert oppload("run", clip, *words, tmp_path / "r" / "a", *more).returncode == 0
     assert oppload("run", clip, *words, tmp_path / "r" / "b").returncode == 0
     done = oppload("collect", tmp_path / "r", "-o", tmp_path / "f.csv", "--frames")
-    assert (done.returncode, done.stderr) == (0, f"2 results, 16 rows -> {tmp_path / 'f.csv'}\n")
+    assert (done.returncode, done.stderr) == (
+        0,
+        f"2 results, 16 rows -> {tmp_path / 'f.csv'}\n"
+        "oppload: the results have different settings: preset default, lplc2\n",
+    )
     table = rows_of(tmp_path / "f.csv")
     for folder, rows in (("a", table[:8]), ("b", table[8:])):
         own_rows = rows_of(tmp_path / "r" / folder / "loom.frames.csv")
