@@ -19,7 +19,7 @@ from oppload_cli.files.reading import is_file, reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import NATIVE
 from oppload_cli.models.registry import known_names, loaded, needs_loading, placing_detector
-from oppload_cli.results.alarms import verdicts_in
+from oppload_cli.results.alarms import in_words, verdicts_in
 from oppload_cli.results.table import (
     DETECTIONS,
     SIDECAR,
@@ -196,6 +196,7 @@ def exists_already(task: Task) -> Outcome | None:
             remarks=tuple(content.get("remarks", ())),  # results before 1.0 lack them
             verdicts=verdicts_in(content),
         )
+        in_words(outcome.verdicts)  # raises an error if a value has a wrong type
         with reading(table, OutputError, check="check its rights", repair=_REMEDY):
             fault = fault_of_rows(table, content)
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:

@@ -145,6 +145,7 @@ def test_an_outcome_of_a_kept_result_is_that_of_its_run(task: Task, tmp_path: Pa
         ({"parameters/time/interval": "frame"}, "with time.interval = frame, not 1/30"),
         ({"field_of_view": {}}, "with no --fov, not --fov 60"),
         ({"decode/complete": None}, "a.oppload.json: is damaged; choose --if-exists overwrite"),
+        ({"alarms/opplod/peak": "1"}, "a.oppload.json: is damaged; choose --if-exists overwrite"),
         ({"decode/analysed": 6}, "a.frames.csv: holds 5 complete rows, but its run wrote 6"),
     ],
 )
