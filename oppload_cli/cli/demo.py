@@ -11,6 +11,7 @@ from oppload_cli import stimulus
 from oppload_cli.cli import options
 from oppload_cli.cli.progress import outcome_lines
 from oppload_cli.files.atomic import refuse_existing
+from oppload_cli.files.reading import is_file
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import IfExists, Outputs, Task, exists_already
@@ -43,10 +44,10 @@ def demo(output: Path, if_exists: str) -> None:
         if_exists=IfExists(if_exists),
         command=("oppload", "run", str(video), "-o", str(output)),
     )
-    if exists_already(task) is not None:
+    others = video, output / f"{stem}{GROUND_TRUTH}", figure, output / f"{stem}.report.html"
+    if exists_already(task) is not None and all(map(is_file, others)):
         click.echo(f"{outputs.csv} exists: nothing to do")
         return
-    others = video, output / f"{stem}{GROUND_TRUTH}", figure, output / f"{stem}.report.html"
     refuse_existing(others, if_exists)
     protocol = stimulus.load(_STIMULUS)
     contact_s = stimulus.ground_truth(protocol)["contact_time_s"]

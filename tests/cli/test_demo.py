@@ -28,6 +28,11 @@ def test_the_demo_alarms_before_contact_and_its_lines_give_the_same(tmp_path: Pa
         assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes()
     refused = oppload("demo", "-o", "demo", cwd=tmp_path)
     assert (refused.returncode, "exists already" in refused.stderr) == (2, True)
+    next(folder.glob("*.frames.png")).unlink()
+    for said in ("skipped", "nothing to do"):
+        kept = oppload("demo", "-o", "demo", "--if-exists", "skip", cwd=tmp_path)
+        assert (kept.returncode, said in kept.stdout) == (0, True)
+        assert len(list(folder.glob("*.frames.png"))) == 1
 
 
 def test_the_demo_replaces_no_file_unasked(tmp_path: Path) -> None:
