@@ -307,7 +307,7 @@ def run(
         height=None if height is None else str(height),
         fov=None if fov is None else str(fov),
         measure_rmo=rmo,
-        assignments=[f"{name}={value}" for name, value in (settings or {}).items()],
+        assignments=[f"{name}={_text(value)}" for name, value in (settings or {}).items()],
     )
     records: list[FrameRecord] = []
     pixels = chosen.height or "native"
@@ -321,6 +321,13 @@ def run(
     stem = result_stem(name) if is_input else file_stem(name)
     table = _table([record.values() for record in records], columns)
     return Result(Path(f"{stem}{TABLE}"), table, sidecar, _detections(found))
+
+
+def _text(value: object) -> str:
+    """Return the value of a setting as the command line takes it."""
+    if isinstance(value, str) or not isinstance(value, Collection):
+        return str(value)
+    return json.dumps(list(value), default=lambda one: getattr(one, "tolist", one.__str__)())
 
 
 def read_result(path: str | Path) -> Result:

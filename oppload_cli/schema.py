@@ -11,6 +11,7 @@ import inspect
 import math
 import numbers
 import re
+import tomllib
 import typing
 from dataclasses import MISSING, dataclass, field, fields, replace
 from fractions import Fraction
@@ -59,6 +60,9 @@ def parameter(
     needed_by: tuple[str, ...] = (),
 ) -> Any:
     """Declare one value of a :class:`Table`, in place of a dataclass field.
+
+    Its type is float, int, bool, str, Fraction, a tuple of one of these, such as
+    ``tuple[float, ...]``, or one of these or None.
 
     Parameters
     ----------
@@ -217,6 +221,17 @@ class Table:
                 ends = (unit for end, unit in _UNITS.items() if each.name.endswith(end))
                 facts["unit"] = next(ends, "")
             kind = _without_none(hints[each.name])
+            if hasattr(Parameters, each.name):
+                raise cls._error(
+                    f"{cls.__name__}.{each.name} has the name of a method of its class; choose "
+                    "another name"
+                )
+            if not _is_supported(kind[0]):
+                raise cls._error(
+                    f"{cls.__name__}.{each.name} cannot be of the type {_in_words(kind[0])}; "
+                    "declare it as float, int, bool, str (with choices, if it is one of a few "
+                    "words), Fraction, or a tuple of one of these"
+                )
             declared.append(Parameter(each.name, *kind, each.default, **facts))
         return tuple(declared)
 
@@ -414,7 +429,7 @@ class Parameters(Table):
         return super()._checked(declared, None if automatic else value)
 
     def parsed(self, name: str, text: str) -> object:
-        """Convert a text such as ``"200"`` or ``"auto"`` to the type of a parameter.
+        """Convert a text such as ``"200"``, ``"0.5,0.3"`` or ``"auto"`` for a parameter.
 
         :meth:`replaced` checks the range. Raises ParameterError if the name is unknown, or the text
         cannot be converted.
@@ -422,13 +437,16 @@ class Parameters(Table):
         each = self._known(name)
         if each.optional and text.lower() in {"none", AUTO}:
             return None
-        if each.type is str:
+        if each.type in {str, Fraction}:
             return text
         try:
             if each.type is bool:  # bool("false") would be True
                 return {"false": False, "true": True}[text.lower()]
+            if typing.get_origin(each.type) is tuple:
+                listed = text if text.startswith("[") else f"[{text}]"
+                return tomllib.loads(f"values = {listed}")["values"]
             return each.type(text)
-        except (KeyError, ValueError):
+        except (KeyError, ValueError, TypeError):
             raise self._mistyped(each, each.type, text) from None
 
     def angle(self, name: str, value: object) -> float | None:
@@ -437,8 +455,9 @@ class Parameters(Table):
         Returns None for a value without ``deg``, and for parameters that are not sizes in pixels.
         Raises ParameterError if the name is unknown, or the angle is not above 0 and below 180.
         """
-        unit = self._known(name).unit
-        if unit != "px" or not isinstance(value, str) or not value.strip().endswith("deg"):
+        each = self._known(name)
+        is_size = each.unit == "px" and each.type in {int, float}
+        if not is_size or not isinstance(value, str) or not value.strip().endswith("deg"):
             return None
         try:
             degrees = float(value.strip().removesuffix("deg"))
@@ -489,6 +508,13 @@ def _without_none(hint: Any) -> tuple[Any, bool]:
     if NoneType not in members:
         return hint, False
     return next(one for one in members if one is not NoneType), True
+
+
+def _is_supported(kind: Any) -> bool:
+    if typing.get_origin(kind) is tuple:
+        members = {each for each in typing.get_args(kind) if each is not Ellipsis}
+        return len(members) == 1 and _is_supported(*members)
+    return kind in _WORDS or _is_table(kind)
 
 
 def _is_table(kind: Any) -> bool:

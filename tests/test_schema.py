@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -111,6 +111,63 @@ def test_parameters_name_themselves_and_their_set() -> None:
         assert str(caught.value) == message
     assert SomeParams().as_dict() == {"gain": 1.0, "cell": None}
     assert SomeParams().resolved(240) == SomeParams()
+
+
+def test_texts_become_lists_and_wrong_texts_are_named() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Listed(Parameters):
+        band: tuple[float, float] = parameter((0.0, 1.0), "band", unit="px")
+        words: tuple[str, ...] = parameter((), "words")
+        rate: Fraction = parameter(Fraction(30), "rate")
+
+    for name, text, value in (
+        ("band", "0.5,2", (0.5, 2.0)),
+        ("band", "[1, 2]", (1.0, 2.0)),
+        ("words", "['a', \"b\"]", ("a", "b")),
+        ("words", "", ()),
+        ("rate", "30000/1001", Fraction(30000, 1001)),
+    ):
+        changed = Listed().replaced(**{name: Listed().parsed(name, text)})
+        assert getattr(changed, name) == value
+    for name, text, message in (
+        ("band", "wide", "takes a [number, number], not 'wide'"),
+        ("band", "1,2,3", "takes a list of 2 values, not 3"),
+        ("band", "60deg", "takes a [number, number], not '60deg'"),  # no size in px
+        ("rate", "1/0", "takes a number or a fraction such as '30000/1001', not '1/0'"),
+    ):
+        assert Listed().angle(name, text) is None
+        with pytest.raises(ParameterError) as caught:
+            Listed().replaced(**{name: Listed().parsed(name, text)})
+        assert str(caught.value) == f"parameter '{name}' of listed {message}"
+
+
+def odd(name: str, kind: Any) -> type:
+    fields = [(name, kind, parameter(1, "meaning"))]
+    return make_dataclass("Odd", fields, bases=(Parameters,), frozen=True, kw_only=True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (Literal["dark", "bright"], "typing.Literal['dark', 'bright']"),
+        (int | float, "int | float"),
+        (list[float], "list[float]"),
+        (tuple[int, float], "[whole number, number]"),
+        (np.ndarray, "<class 'numpy.ndarray'>"),
+    ],
+)
+def test_a_type_that_no_setting_can_have_is_refused(kind: Any, words: str) -> None:
+    with pytest.raises(ParameterError) as caught:
+        odd("a", kind)()
+    assert str(caught.value) == (
+        f"Odd.a cannot be of the type {words}; declare it as float, int, bool, str (with "
+        "choices, if it is one of a few words), Fraction, or a tuple of one of these"
+    )
+
+
+def test_a_name_that_a_method_has_is_refused() -> None:
+    with pytest.raises(ParameterError, match=r"Odd\.names has the name of a method"):
+        odd("names", int)()
 
 
 def test_what_a_value_may_be_in_words() -> None:

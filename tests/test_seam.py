@@ -6,12 +6,14 @@ import inspect
 import json
 import shutil
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import av
 import numpy as np
 import pytest
 
+import oppload_cli
 from oppload_cli import AlarmParams, Box, Column, Detector, Response, alarm_params
 from oppload_cli.annotation.frame import Layout
 from oppload_cli.cli import main
@@ -237,6 +239,48 @@ def test_its_parameters_are_settings(clip: Path, tmp_path: Path) -> None:
     assert {row["toy_response"] for row in rows(tmp_path)} == {"", "0"}
     wrong = oppload(*arguments, "--set", "toy.lest=1")
     assert "no parameter 'lest' of toy; did you mean 'least'" in wrong.stderr
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindsParams(ToyParams):
+    grid: tuple[int, int] = parameter((3, 4), "rows and columns", unit="px", low=1)
+    rate: Fraction = parameter(Fraction(1, 30), "rate")
+    polarity: str = parameter("dark", "what counts", choices=("dark", "bright"))
+    on: bool = parameter(True, "whether")
+
+
+class Kinds(Toy):
+    name, label, parameters = "kinds", "Kinds", KindsParams
+
+
+def test_its_parameters_may_be_of_several_kinds(clip: Path, tmp_path: Path) -> None:
+    changed = {"grid": [5, 6], "rate": "1/25", "polarity": "bright", "on": False}
+    texts = ("grid=5,6", "rate=1/25", "polarity=bright", "on=false")
+    words = [word for text in texts for word in ("--set", f"kinds.{text}")]
+    given = {f"kinds.{name}": value for name, value in changed.items()}
+    given["kinds.grid"] = np.array([5, 6])
+    registry.register(Kinds)
+    try:
+        assert oppload("models", "kinds").stdout.splitlines()[-6:] == [
+            "  least        0.1     darkening from which a pixel counts (0 to 1)",
+            "  grid      [3, 4] px  rows and columns (at least 1)",
+            "  rate        1/30     rate",
+            "  polarity    dark     what counts (dark, bright)",
+            "  on          True     whether",
+            "",
+        ]
+        described = json.loads(oppload("models", "kinds", "--json").stdout)["parameters"]["kinds"]
+        assert [each["default"] for each in described] == [0.1, [3, 4], "1/30", "dark", True]
+        (tmp_path / "kinds.toml").write_text(oppload("config", "--model", "kinds", *words).stdout)
+        for settings in (words, ["--config", tmp_path / "kinds.toml"]):
+            folder = tmp_path / str(settings[0])
+            done("run", clip, "-o", folder, "-q", "--model", "kinds", "--fov", "60", *settings)
+            sidecar = json.loads((folder / "clip.oppload.json").read_text())
+            assert sidecar["parameters"]["kinds"] == {"least": 0.1, **changed}
+        result = oppload_cli.run(clip, models=["kinds"], settings=given)
+        assert result.sidecar["parameters"]["kinds"] == {"least": 0.1, **changed}
+    finally:
+        registry.forget("kinds")
 
 
 def test_its_curve_has_its_label_and_its_colour(result: Path, tmp_path: Path) -> None:

@@ -161,17 +161,27 @@ def _groups(preset: str) -> dict[str, Parameters]:
 
 
 def _lines(params: type[Parameters]) -> Iterator[str]:
-    width = max([20, *(len(each.name) + 1 for each in params.declared())])
-    for entry in _entries(params):
-        unit = f" {entry['unit']}" if entry["unit"] else ""
-        default = AUTO if entry["default"] is None else str(entry["default"])
-        yield f"{entry['name']:<{width}}{default:>8}{unit:<8} {entry['meaning']}"
+    defaults = params().as_dict()
+    rows = [
+        (
+            each.name,
+            AUTO if defaults[each.name] is None else str(defaults[each.name]),
+            each.unit,
+            f"{each.meaning} ({each.allowed})" if each.allowed else each.meaning,
+        )
+        for each in params.declared()
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for name, default, unit, meaning in rows:
+        yield f"{name:<{widths[0]}}  {default:>{widths[1]}} {unit:<{widths[2]}}  {meaning}"
 
 
 def _entries(params: type[Parameters]) -> Iterator[dict[str, Any]]:
+    defaults = params().as_dict()
     facts = "name", "default", "meaning", "unit", "low", "above", "high"
     for each in params.declared():
-        yield {fact: getattr(each, fact) for fact in facts} | {"choices": list(each.choices)}
+        described = {fact: getattr(each, fact) for fact in facts}
+        yield described | {"default": defaults[each.name], "choices": list(each.choices)}
 
 
 def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:

@@ -142,6 +142,11 @@ def _full_names(names: Iterable[str], usual: str = DEFAULT_PRESET) -> list[str]:
             full.append(variant if variant in others else name)
     known = [*(f"{name}:{preset}" for name in with_presets for preset in PRESETS), *others]
     for name in full:
+        head, _, preset = name.partition(":")
+        if head in others and preset in PRESETS:
+            raise ParameterError(
+                f"model '{name}': no preset changes the parameters of {head}; leave out ':{preset}'"
+            )
         if name not in known:
             raise ParameterError(f"no model '{name}'{suggestion(name, known)}")
     return list(dict.fromkeys(full))

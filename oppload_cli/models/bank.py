@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oppload_cli.errors import DetectorError, OpploadError, ParameterError
-from oppload_cli.models.detector import INTERPOLATED, Box, checked_shape
+from oppload_cli.models.detector import INTERPOLATED, Box, UnitMaps, checked_shape
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.registry import detector_of, is_of_package
 from oppload_cli.models.timebase import Clock
@@ -19,7 +19,7 @@ from oppload_cli.models.timebase import Clock
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from oppload_cli.models.detector import Detector, Response, UnitMaps
+    from oppload_cli.models.detector import Detector, Response
     from oppload_cli.models.dpc import Map
     from oppload_cli.models.timebase import TimeParams
     from oppload_cli.schema import Parameters
@@ -173,7 +173,15 @@ class DetectorBank:
         """Return the units of a detector at the latest frame; None if it has no units."""
         detector = self.detectors[name]
         with _named(type(detector), "its units failed"):
-            return detector.units
+            units: Any = detector.units  # a user's detector may ignore the types
+        if units is not None and not _are_units(units):
+            raise DetectorError(
+                f"detector '{name}': its units must be UnitMaps or None, with an array of "
+                "responses of at least 0, a row for each of centres_y and a column for each of "
+                "centres_x"
+            )
+        found: UnitMaps | None = units
+        return found
 
     def at_rest(self, intervals: float) -> dict[str, Response | None]:
         """Return every detector's response to a frame in which nothing changed.
@@ -221,14 +229,32 @@ def _fault(detector: Detector, returned: object) -> str:
     """Return a text that says why a response is not valid; empty for a valid one."""
     if not isinstance(returned, detector.responses):
         return f"{type(returned).__name__}, not a {detector.responses.__name__} or None"
-    response: object = returned.response  # a user's detector may ignore the types
+    response: Any = returned.response  # a user's detector may ignore the types
     box: object = returned.box
-    numbers = int | float | np.integer | np.floating
-    if not isinstance(response, numbers) or not 0 <= response < math.inf:
+    if not _is_finite(response) or response < 0:
         return f"a response of {response!r:.60}, not a finite number of at least 0"
-    if box is not None and not (isinstance(box, Box) and all(map(math.isfinite, box))):
-        return f"a box of {box!r:.60}, not a Box of finite numbers or None"
+    if box is not None and not (
+        isinstance(box, Box) and all(map(_is_finite, box)) and min(box.width, box.height) >= 0
+    ):
+        return f"a box of {box!r:.60}, not a Box of finite numbers, its sides at least 0, or None"
+    for name, *_ in (*detector.columns, *detector.details):
+        value = getattr(returned, name)
+        if value is not None and not _is_finite(value):
+            return f"{name} = {value!r:.60}, not a finite number or None"
     return ""
+
+
+def _are_units(found: object) -> bool:
+    if not isinstance(found, UnitMaps):
+        return False
+    responses: Any = found.responses
+    shape = len(found.centres_y), len(found.centres_x)
+    is_map = isinstance(responses, np.ndarray) and responses.shape == shape
+    return is_map and responses.size > 0 and bool(responses.min() >= 0)
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and math.isfinite(value)
 
 
 def _plain(response: Response) -> Response:

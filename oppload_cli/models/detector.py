@@ -207,7 +207,7 @@ class Detector(ABC):
         The floor of the alarm by preset: at or below this response the detector never alarms.
         Presets that are not named have the floor of ``default``.
     by_default : bool
-        Whether the detector runs if the user chooses none.
+        Whether the detector runs if the user chooses none; a subclass does not inherit this.
     variant_of : str
         If this detector is a variant, the name of the original detector, else empty. On the command
         line ``NAME:VARIANT`` stands for ``NAME_VARIANT``; ``all`` leaves variants out.
@@ -288,6 +288,7 @@ class Detector(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
+        cls.by_default = vars(cls).get("by_default", False)
         if "responses" in vars(cls) and "details" not in vars(cls):
             declared = [each for each in fields(cls.responses) if "column" in each.metadata]
             cls.details = tuple(Column(each.name, *each.metadata["column"]) for each in declared)

@@ -17,7 +17,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, overload
 
-from oppload_cli.errors import OpploadError, ParameterError, suggestion
+from oppload_cli.errors import OpploadError, ParameterError, faults_at, suggestion
 from oppload_cli.models import LOAD
 from oppload_cli.models.columns import COMMON, RMO, columns_of
 from oppload_cli.models.detector import Column, Detector
@@ -44,6 +44,7 @@ _TEXTS = "label", "colour", "meaning", "unit", "variant_of", "reference", "answe
 # The types of a detector's attributes, and their names in messages.
 _ATTRIBUTES: dict[str, tuple[Any, str]] = {
     **dict.fromkeys(_TEXTS, (str, "a text")),
+    **dict.fromkeys(("by_default", "evaluated", "places"), (bool, "True or False")),
     "warm_up": (int, "a whole number"),
     "year": (int | None, "a whole number or None"),
     "cost_ms": (int | float | None, "a number or None"),
@@ -231,8 +232,21 @@ def _check_class(detector: type[Detector]) -> str:
         columns = getattr(detector, title)
         if not isinstance(columns, tuple) or not all(isinstance(one, Column) for one in columns):
             raise ParameterError(f"{where}: its {title} must be a tuple of Column")
-    detector.parameters.declared()
+    _check_parameters(detector, where)
     return where
+
+
+def _check_parameters(detector: type[Detector], where: str) -> None:
+    with faults_at(where):
+        detector.parameters()  # raises the error of a wrong declaration or default
+        for preset in (*detector.presets, *detector.alarm_floors):
+            preset_named(preset)
+    for given in map(type, detector.presets.values()):
+        if given is Parameters or not issubclass(detector.parameters, given):
+            raise ParameterError(
+                f"{where}: its presets must be of the class of its parameters, "
+                f"{detector.parameters.__name__}, or of one that this class extends"
+            )
 
 
 def _check_types(detector: type[Detector], where: str) -> None:
@@ -385,7 +399,9 @@ def parameters_of(name: str, preset: str = DEFAULT_PRESET) -> Parameters:
     200
     """
     detector = detector_named(name)
-    return detector.presets.get(preset_named(preset).name) or detector.parameters()
+    changed = detector.presets.get(preset_named(preset).name, Parameters())
+    # The presets of a detector that extends another one may be those of that one.
+    return detector.parameters(**changed.as_dict())
 
 
 def alarm_floor_of(name: str, preset: str = DEFAULT_PRESET) -> float:

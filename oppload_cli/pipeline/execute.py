@@ -417,7 +417,9 @@ class _Run:
             f"{group}.{each.name}": self._optics.degrees(size * scale)
             for group in self._settings.models
             for each in groups[group].declared()
-            if each.unit == "px" and (size := getattr(groups[group], each.name))
+            if each.unit == "px"
+            and isinstance(size := getattr(groups[group], each.name), int | float)
+            and size
         }
         return {**self._optics.as_dict(), "sizes_deg": sizes}
 

@@ -12,7 +12,7 @@ from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import DetectorError, FrameError, ParameterError
 from oppload_cli.models import registry
 from oppload_cli.models.bank import DetectorBank
-from oppload_cli.models.detector import Box, Column, Detector, Response
+from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.opplod import Opplod
@@ -174,6 +174,11 @@ class Loose(Detector):
         return answer
 
 
+@dataclass(frozen=True)
+class Inner(Response):
+    share: Any = 0.0
+
+
 def test_an_answer_of_another_class_than_declared_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -229,16 +234,40 @@ def test_numbers_of_numpy_become_those_of_python(monkeypatch: pytest.MonkeyPatch
         (Response(np.ones(9)), "a response of array"),  # type: ignore[arg-type]
         (Response(1.0, (1, 2, 3, 4)), "a box of (1, 2, 3, 4), not a Box"),  # type: ignore[arg-type]
         (Response(1.0, Box(1, 2, np.nan, 4)), "a box of Box(x=1, y=2, width=nan"),
+        (Response(1.0, Box(1, 2, -3, 4)), "a box of Box(x=1, y=2, width=-3, height=4), not a Box"),
+        (Response(1.0, Box("1", 2, 3, 4)), "a box of Box(x='1'"),  # type: ignore[arg-type]
+        (Inner(1.0, share="much"), "share = 'much', not a finite number or None"),
+        (Inner(1.0, share=np.inf), "share = inf, not a finite"),
+        (Inner(1.0, share=np.ones(2)), "share = array"),
     ],
 )
 def test_an_answer_that_is_no_number_is_refused(
     monkeypatch: pytest.MonkeyPatch, answer: Response, fault: str
 ) -> None:
     monkeypatch.setattr(Loose, "answer", answer)
+    monkeypatch.setattr(Loose, "responses", type(answer))
+    if isinstance(answer, Inner):
+        monkeypatch.setattr(Loose, "details", (Column("share", "", "share"),))
     registry.register(Loose)
     with pytest.raises(DetectorError) as refused:
         DetectorBank((9, 9), [LooseParams()]).step(np.zeros((9, 9), np.float32))
     assert f"detector 'loose': its step returned {fault}" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "units",
+    [
+        5,
+        UnitMaps([[1.0]], {}, np.ones(1), np.ones(1), 9, 1),  # type: ignore[arg-type]
+        UnitMaps(np.ones((2, 1), np.float32), {}, np.ones(1), np.ones(2), 9, 1),
+        UnitMaps(np.full((1, 1), np.nan, np.float32), {}, np.ones(1), np.ones(1), 9, 1),
+    ],
+)
+def test_units_that_are_none_are_refused(units: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Loose, "units", units)
+    registry.register(Loose)
+    with pytest.raises(DetectorError, match="detector 'loose': its units must be UnitMaps or None"):
+        DetectorBank((9, 9), [LooseParams()]).units_of("loose")
 
 
 class _Failing(Loose):

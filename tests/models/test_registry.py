@@ -18,7 +18,7 @@ from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.presets import PRESETS, VARIANTS, preset_in, preset_named
 from oppload_cli.models.published.lgmd1_group import Lgmd1GroupPaperParams
 from oppload_cli.pipeline.settings import _TOP_READERS, parameter_sets
-from oppload_cli.schema import Parameters
+from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
@@ -191,6 +191,26 @@ def test_a_subclass_of_a_detector_without_parameters_has_its_own() -> None:
             registry.forget(name)
 
 
+def test_a_detector_that_extends_another_has_its_presets_and_does_not_run_by_default() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class TwiceParams(OpplodParams):
+        times: float = parameter(2.0, "factor", low=0)
+
+    class Twice(Opplod):
+        name, label, colour, parameters = "twice", "Twice", "#123456", TwiceParams
+
+    registry.register(Twice)
+    try:
+        assert registry.default_names() == ("opplod", "dlgmd")
+        for preset in PRESETS:
+            params = registry.parameters_of("twice", preset)
+            assert registry.detector_of(params) is Twice
+            of_opplod = registry.parameters_of("opplod", preset).as_dict()
+            assert params.as_dict() == {**of_opplod, "times": 2.0}
+    finally:
+        registry.forget("twice")
+
+
 @pytest.mark.parametrize("column", [each.name for each in (*COMMON, *RMO) if "_" in each.name])
 def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> None:
     name, own = column.split("_", 1)
@@ -239,6 +259,10 @@ def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> Non
         ),
         ({"responses": Response}, "its column 'left' must be a field of its responses, Response"),
         ({"parameters": DlgmdParams}, "its parameters, DlgmdParams, are those of another"),
+        ({"places": "yes"}, "its places must be True or False, not 'yes'"),
+        ({"alarm_floors": {"default": 1, "papr": 1}}, "no preset 'papr'; did you mean 'paper'?"),
+        ({"presets": {"papr": OtherParams()}}, "no preset 'papr'; did you mean 'paper'?"),
+        ({"presets": {"paper": DlgmdParams()}}, "its presets must be of the class of its parame"),
     ],
 )
 def test_a_wrong_detector_is_refused_with_its_name_and_the_reason(
