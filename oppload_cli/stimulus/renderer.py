@@ -243,7 +243,13 @@ class _PatchPainter(_Painter):
     @cached_property
     def _tile(self) -> Tile:
         random = generator(self.protocol.seed, self.obj.id)
-        return Tile(noise_tile(self._SIDE, self.obj.exponent, self._SIDE / 8, random))
+        tile = noise_tile(self._SIDE, self.obj.exponent, self._SIDE / 8, random)
+        # The mean and the contrast are those of the disk, not of the square around it. The middle
+        # of the disk is the corner of the tile, which repeats.
+        offsets = (np.arange(self._SIDE) + 0.5) / self._SIDE
+        offsets -= np.round(offsets)
+        disk = tile[np.hypot(offsets, offsets[:, None]) < 0.5]
+        return Tile((tile - disk.mean()) / disk.std())
 
     def _colours(self, pose: Pose, window: Window) -> Picture:
         (x, y), (ahead, behind) = self.projection.middle_of(pose)

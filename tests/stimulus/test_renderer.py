@@ -41,6 +41,20 @@ def test_area_of_a_growing_disk_at_every_frame(centre: tuple[float, float]) -> N
         assert dark_area(frame) == pytest.approx(math.pi * radius**2, rel=within)
 
 
+@pytest.mark.parametrize("exponent", [0, 1, 2])
+def test_a_patch_has_its_mean_and_its_contrast_at_every_size(exponent: float) -> None:
+    growth = Growth(kind="path", sizes_deg=(28,), times_s=(0.5,))
+    values: dict[str, Any] = {"luminance": 0.5, "contrast": 0.3, "exponent": exponent}
+    patch = Object(id="patch", kind="patch", size_deg=12, growth=growth, **values)
+    for frame in stimulus.frames(made(patch)):
+        size = frame.truth.objects[0].angular_size_deg
+        assert size is not None
+        x, y = (np.arange(side) + 0.5 - side / 2 for side in frame.luma.shape[::-1])
+        inside = frame.luma[np.hypot(x, y[:, None]) < size * 5 / 2 - 0.7]
+        assert inside.mean() == pytest.approx(0.5, rel=0.015)
+        assert inside.std() == pytest.approx(0.15, rel=0.05)
+
+
 @pytest.mark.parametrize("axis", [0, 17, 45, 90, 123])
 def test_area_of_a_turned_bar_at_every_frame(axis: float) -> None:
     growth = Growth(kind="edge-speed", speed_deg_s=9.3, end_deg=28)
