@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from oppload_cli import stimulus
 from oppload_cli.batch.plan import Failure, Tally, parse_shard, planned, read_list, write_failures
 from oppload_cli.cli import say
 from oppload_cli.cli.options import RunOptions, check_assignments, check_models
@@ -30,7 +29,6 @@ from oppload_cli.errors import (
     ParameterError,
     ResultError,
     SourceError,
-    StimulusError,
     counted,
     printable,
 )
@@ -197,13 +195,10 @@ def _stimulus_of(name: str) -> str:
     if name.endswith(".toml") and is_file(Path(name)):
         words = command_line(["oppload", "stimuli", "generate", name])
         return f"; if this is a stimulus, '{words}' makes its video"
-    if os.path.lexists(name):
-        return ""
-    try:
-        found = stimulus.find(name)
-    except StimulusError:
-        return ""
-    return f"; 'oppload stimuli generate {found[0].name}' makes the stimulus of this name"
+    from oppload_cli.stimulus.catalogue import meant_by
+
+    meant = "" if os.path.lexists(name) else meant_by(name)
+    return f"; 'oppload stimuli generate {meant}' makes the stimulus of this name" if meant else ""
 
 
 def _tables(tasks: Iterator[Task]) -> list[Path]:

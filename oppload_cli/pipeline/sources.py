@@ -326,10 +326,19 @@ def open_source(
 
 
 def _is_stimulus(name: str) -> bool:
-    """Return whether a name is that of a TOML file, or one in the catalogue that no file has."""
+    """Return whether a name is that of a TOML file, or one in the catalogue that no file has.
+
+    Raises SourceError for a name that no file has, and that is like one in the catalogue.
+    """
     if name.endswith(".toml") or ".toml/" in name:
         return True
     if not name or is_there(name):
         return False
     known = (entry.name for entry in stimulus.entries())
-    return any(name == each or name.startswith(f"{each}/") for each in known)
+    if any(name == each or name.startswith(f"{each}/") for each in known):
+        return True
+    from oppload_cli.stimulus.catalogue import meant_by  # noqa: PLC0415 - loaded by now
+
+    if meant := meant_by(name):
+        raise SourceError(f"{name}: no such file; did you mean the stimulus '{meant}'?")
+    return False

@@ -307,13 +307,30 @@ def _hint(wanted: str) -> str:
     stem, _, member = wanted.partition("/")
     if member and is_file(f"{stem}.toml"):
         return f"did you mean '{stem}.toml/{member}'?"
-    names = {entry.name for entry in entries()}
-    if any(name.startswith(f"{wanted}/") for name in names):
+    if any(entry.name.startswith(f"{wanted}/") for entry in entries()):
         return f"did you mean '{wanted}/*'?"
-    near = {name for entry in entries() for name in entry.values()} | names
-    if found := nearest(wanted, near | {name.rpartition("/")[2] for name in names}):
+    short = {entry.name.rpartition("/")[2] for entry in entries()}
+    if found := nearest(wanted, short | _names()):
         return f"did you mean '{found}'?"
     return "see 'oppload stimuli list', or give FILE.toml or FILE.toml/MEMBER"
+
+
+def _names() -> set[str]:
+    """Return the names of all entries and members."""
+    return {name for entry in entries() for name in (entry.name, *entry.values())}
+
+
+def meant_by(wanted: str) -> str:
+    """Return the stimulus that may be meant by the name of an input that does not exist.
+
+    The text is empty if none is like the name, or if the name is that of a file, camera or stream.
+    """
+    if not re.fullmatch(r"[\w/+-]+(\.\d[\w/+-]*)*", wanted):
+        return ""
+    try:
+        return find(wanted)[0].name
+    except StimulusError:
+        return nearest(wanted, _names())
 
 
 def _of_file(entry: Entry, member: str) -> Entry:

@@ -32,7 +32,11 @@ class Motion(Table):
         0.0, "speed of turning, counter-clockwise", low=-100_000, high=100_000
     )
     zoom_per_s: float = parameter(
-        0.0, "growth rate of a pattern's scale: exp(zoom_per_s t); patterns only", low=-20, high=20
+        0.0,
+        "growth rate of a pattern's scale: exp(zoom_per_s t); dots keep their size, so that their "
+        "density changes; patterns only",
+        low=-20,
+        high=20,
     )
     shake_deg: float = parameter(0.0, "RMS distance of a shake from its middle", low=0, high=90)
     shake_hz: float = parameter(4.0, "middle frequency of the shake", above=0, high=500)
@@ -262,7 +266,8 @@ class Object(Table):
     )
     coherence: float = parameter(
         1.0,
-        "share of the dots that move together; each other dot has a direction of its own",
+        "share of the dots that move together; each other dot moves as far in a direction of its "
+        "own, but takes part in a zoom and a turn",
         low=0,
         high=1,
         kinds=("dots",),

@@ -233,7 +233,11 @@ def _remarks(protocol: Protocol) -> Iterator[str]:
     if _has_late_points(scene.motion, timing.motion_s):
         yield f"scene: a time of motion.path_s is {_LATE}"
     for obj in protocol.objects:
-        for remark in (*_late_changes(protocol, obj), *_too_fast(protocol, obj)):
+        for remark in (
+            *_late_changes(protocol, obj),
+            *_too_fast(protocol, obj),
+            *_without_effect(obj),
+        ):
             yield f"object '{obj.id}': {remark}"
 
 
@@ -273,6 +277,18 @@ def _too_fast(protocol: Protocol, obj: Object) -> Iterator[str]:
         yield (
             "brightness.frequency_hz is above half of display.frame_rate, so that the frames "
             "flicker at a lower frequency; change one of them"
+        )
+
+
+def _without_effect(obj: Object) -> Iterator[str]:
+    motion = obj.motion
+    if motion is None or obj.coherence == 1:
+        return
+    travels = motion.speed_deg_s or motion.shake_deg or motion.path_deg
+    if not travels and (motion.zoom_per_s or motion.rotation_deg_s):
+        yield (
+            "all dots take part in its zoom and its turn, so that coherence has no effect; give "
+            "motion.speed_deg_s, or leave coherence out"
         )
 
 

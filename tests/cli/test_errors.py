@@ -57,6 +57,7 @@ WRONG = [
         3,
         "'oppload stimuli generate opplod2023/looming-disk-centre'",
     ),
+    (["run", "controls/plade"], 3, "'oppload stimuli generate controls/plaid' makes"),
     (["stimuli", "generate", "looming-disk-center"], 2, "did you mean 'looming-disk-centre'?"),
     (["evaluate", "empty"], 2, "empty: is a folder; give its manifest"),
     (["run", "CLIP", "--model", "lgmd1"], 2, "no model 'lgmd1'; did you mean 'lgmd1_group'?"),

@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from oppload_cli.stimulus import Protocol
+from oppload_cli.stimulus import Protocol, Renderer
 
 TOP = """
 [display]
@@ -71,6 +71,30 @@ def test_objects_of_the_luminance_of_the_ground(text: str, remarked: bool) -> No
     found = remarks(grounds["patch" in text] + text)
     assert len(found) == remarked
     assert all(each.startswith("every object has the luminance of") for each in found)
+
+
+@pytest.mark.parametrize(
+    ("motion", "remarked"),
+    [
+        ("motion = {zoom_per_s = 1}", True),
+        ("motion = {rotation_deg_s = 9}", True),
+        ("motion = {zoom_per_s = 1, speed_deg_s = 5}", False),
+        ("motion = {rotation_deg_s = 9, shake_deg = 1}", False),
+        ("motion = {zoom_per_s = 1}\ncoherence = 1", False),
+        ("", False),
+    ],
+)
+def test_coherence_that_has_no_effect(motion: str, remarked: bool) -> None:
+    """The frames of a zoom or a turn are the same at every coherence."""
+    dots = DISK.replace('kind = "disk"', 'kind = "dots"\ndot_deg = 1\ndots_per_100deg2 = 9')
+    text = TOP + dots + motion
+    found = remarks(text if "coherence" in text else f"{text}\ncoherence = 0.5")
+    assert len(found) == remarked
+    assert all("so that coherence has no effect" in each for each in found)
+    if remarked:
+        made = (Protocol.from_table(tomllib.loads(f"{text}\ncoherence = {c}"), "") for c in (0, 1))
+        first, second = (Renderer(each).grey(8) for each in made)
+        assert (first == second).all()
 
 
 @pytest.mark.parametrize(("hertz", "remarked"), [(5, False), (5.1, True)])
