@@ -354,11 +354,11 @@ def _by_part(wanted: str) -> list[Entry]:
     member_of = {name: entry for entry in entries() if entry.sweep for name in entry.values()}
     for names in (entry_of, member_of):
         ending = sorted(name for name in names if name.endswith(f"/{wanted}"))
-        near = ending or sorted(name for name in names if wanted in name)
+        near = ending or sorted(name for name in names if len(wanted) > 2 and wanted in name)
         if len(near) == 1:
             entry = names[near[0]]
             return [entry if near[0] == entry.name else replace(entry, only=near[0])]
-        if near and wanted:
+        if near:
             more = f" and {len(near) - 3} more" if len(near) > 3 else ""
             raise StimulusError(
                 f"'{wanted}' could be {', '.join(near[:3])}{more}; write more of the name"

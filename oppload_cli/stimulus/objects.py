@@ -367,8 +367,8 @@ def _check_times(
     """Check that times rise, and that there is one value for each time."""
     if not times or len(times) != len(values):
         raise StimulusError(
-            f"{times_key} and {values_key} must be lists of the same length, not {len(times)} and "
-            f"{len(values)} values"
+            f"{times_key} and {values_key} must be lists of the same length, of at least one "
+            f"value, not {len(times)} and {len(values)} values"
         )
     if any(after <= before for before, after in itertools.pairwise(times)):
         raise StimulusError(f"{times_key} must rise from value to value")

@@ -75,7 +75,8 @@ class Protocol(ProtocolTables):
         known = {"object", *cls.names()} - {"objects"}
         for key in top:  # before the objects: a stray [growth] leaves an object incomplete
             if key not in known:
-                raise StimulusError(f"{where}: unknown key '{key}'{suggestion(str(key), known)}")
+                near = suggestion(str(key), (known | {"sweep"}) - {key})
+                raise StimulusError(f"{where}: unknown key '{key}'{near}")
         listed = top.pop("object", [])
         scene = top.get("scene")
         staged = isinstance(scene, dict) and "background" in scene

@@ -99,6 +99,8 @@ def test_a_stimulus_by_its_last_part_or_a_fragment(wanted: str, name: str, only:
 def test_a_fragment_of_several_names_them() -> None:
     with pytest.raises(StimulusError, match=r"could be controls/\S+, controls/\S+; write more"):
         find("translating-disk")
+    with pytest.raises(StimulusError, match=r"^no stimulus '-' in the catalogue; see .*FILE.toml"):
+        find("-")
 
 
 def test_a_model_may_bring_its_preset() -> None:

@@ -75,6 +75,7 @@ def test_field_of_view() -> None:
     assert wide.scale == pytest.approx(200 * 3.14159265358979 / 180)
 
 
+NO_SIZES = "sizes_deg = []\ntimes_s = []"
 MISTAKES = [
     # an unknown key, a missing one, a wrong type
     ("id = ", "size_dg = 3\nid = ", "size_dg", "did you mean 'size_deg'"),
@@ -84,6 +85,8 @@ MISTAKES = [
     ("motion_s = 1.0", 'motion_s = "long"', "motion_s", "takes a number"),
     ("width = 100", "width = 100.5", "width", "a whole number"),
     ("[timing]", "[timings]", "unknown key 'timings'", "did you mean 'timing'"),
+    ("[timing]", "[sweeps]\n[timing]", "unknown key 'sweeps'", "did you mean 'sweep'"),
+    ('"approach"\nl_over_v_ms = 40', f'"path"\n{NO_SIZES}', "sizes_deg", "at least one value"),
     # values out of range
     ("width = 100", "width = -100", "width", "at least 8 px"),
     ("width = 100", "width = 100\nframe_rate = 0", "frame_rate", "above 0 Hz"),
