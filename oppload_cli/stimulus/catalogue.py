@@ -224,12 +224,12 @@ def entries() -> tuple[Entry, ...]:
     )
 
 
-def read_entry(path: Path, name: str | None = None) -> Entry:
+def read_entry(path: str | Path, name: str | None = None) -> Entry:
     """Read a protocol file without checking its protocols.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         A TOML file.
     name : str or None
         Name of the entry; None for the file's name without ``.toml``.
@@ -239,6 +239,7 @@ def read_entry(path: Path, name: str | None = None) -> Entry:
     StimulusError
         If the file cannot be read or is not TOML, or if its sweep is not valid.
     """
+    path = Path(path)
     with reading(path, StimulusError, form="TOML"):
         table = {
             key: _with_paths(value, path.parent) if key in {"scene", "object", "sweep"} else value

@@ -212,7 +212,8 @@ def test_mistakes_of_an_object(kind: str, keys: dict[str, object], words: str) -
 def test_files(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(GOOD + "[sweep]\ndisk.growth.l_over_v_ms = [10, 40]\n")
-    entry = read_entry(path)
+    entry = read_entry(str(path))
+    assert entry == read_entry(path)
     assert list(entry.values()) == ["mine/l-over-v-10", "mine/l-over-v-40"]
     first, second = load_all(path)
     assert (first.name, second.name) == ("mine/l-over-v-10", "mine/l-over-v-40")
