@@ -109,7 +109,8 @@ def register(detector: type[Detector]) -> type[Detector]:
     where = _check_class(detector)
     known = detectors().get(detector.name)
     if detector.name in _TAKEN_NAMES or (known and not _is_again(known, detector)):
-        raise ParameterError(f"{where}: its name is taken; choose another one")
+        by = f" by {known.__module__}.{known.__qualname__}" if known else ""
+        raise ParameterError(f"{where}: its name is taken{by}; choose another one")
     inherited = "parameters" not in vars(detector)
     # A subclass of a registered detector without parameters inherits the empty class of that one.
     if detector.parameters is Parameters or (inherited and not detector.parameters.declared()):

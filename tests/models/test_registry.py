@@ -227,7 +227,10 @@ def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> Non
         ({"name": ""}, "its name must begin with a lower-case letter"),
         ({"name": "a-b"}, "its name must begin with a lower-case letter"),
         ({"name": None}, "its name must begin with a lower-case letter"),
-        ({"name": "dlgmd"}, "its name is taken; choose another one"),
+        (
+            {"name": "dlgmd"},
+            "its name is taken by oppload_cli.models.dlgmd.Dlgmd; choose another one",
+        ),
         ({"name": "alarm"}, "its name is taken"),
         ({"name": "rmo"}, "its name is taken"),
         ({"colour": "red"}, "its colour must be written as #RRGGBB"),
