@@ -247,6 +247,7 @@ class KindsParams(ToyParams):
     rate: Fraction = parameter(Fraction(1, 30), "rate")
     polarity: str = parameter("dark", "what counts", choices=("dark", "bright"))
     on: bool = parameter(True, "whether")
+    word: str = parameter("", "a word")
 
 
 class Kinds(Toy):
@@ -254,23 +255,24 @@ class Kinds(Toy):
 
 
 def test_its_parameters_may_be_of_several_kinds(clip: Path, tmp_path: Path) -> None:
-    changed = {"grid": [5, 6], "rate": "1/25", "polarity": "bright", "on": False}
-    texts = ("grid=5,6", "rate=1/25", "polarity=bright", "on=false")
+    changed = {"grid": [5, 6], "rate": "1/25", "polarity": "bright", "on": False, "word": "λ 😀"}
+    texts = ("grid=5,6", "rate=1/25", "polarity=bright", "on=false", "word=λ 😀")
     words = [word for text in texts for word in ("--set", f"kinds.{text}")]
     given = {f"kinds.{name}": value for name, value in changed.items()}
     given["kinds.grid"] = np.array([5, 6])
     registry.register(Kinds)
     try:
-        assert oppload("models", "kinds").stdout.splitlines()[-6:] == [
+        assert oppload("models", "kinds").stdout.splitlines()[-7:] == [
             "  least        0.1     darkening from which a pixel counts (0 to 1)",
             "  grid      [3, 4] px  rows and columns (at least 1)",
             "  rate        1/30     rate",
             "  polarity    dark     what counts (dark, bright)",
             "  on          True     whether",
+            "  word                 a word",
             "",
         ]
         described = json.loads(oppload("models", "kinds", "--json").stdout)["parameters"]["kinds"]
-        assert [each["default"] for each in described] == [0.1, [3, 4], "1/30", "dark", True]
+        assert [each["default"] for each in described] == [0.1, [3, 4], "1/30", "dark", True, ""]
         (tmp_path / "kinds.toml").write_text(oppload("config", "--model", "kinds", *words).stdout)
         for settings in (words, ["--config", tmp_path / "kinds.toml"]):
             folder = tmp_path / str(settings[0])

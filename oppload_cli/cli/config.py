@@ -51,4 +51,6 @@ def _lines(settings: Settings) -> Iterator[str]:
         }
         for name, value in {**params.as_dict(), **angles}.items():
             origin = origins.get(f"{group}.{name}", f"preset {settings.preset}")
-            yield f"{name} = {json.dumps(AUTO if value is None else value)}  # {origin}"
+            # TOML has no pairs of escapes, which JSON writes for some letters.
+            text = json.dumps(AUTO if value is None else value, ensure_ascii=False)
+            yield f"{name} = {text}  # {origin}"
