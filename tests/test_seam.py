@@ -273,7 +273,8 @@ def test_its_parameters_may_be_of_several_kinds(clip: Path, tmp_path: Path) -> N
         ]
         described = json.loads(oppload("models", "kinds", "--json").stdout)["parameters"]["kinds"]
         assert [each["default"] for each in described] == [0.1, [3, 4], "1/30", "dark", True, ""]
-        (tmp_path / "kinds.toml").write_text(oppload("config", "--model", "kinds", *words).stdout)
+        printed = oppload("config", "--model", "kinds", *words).stdout
+        (tmp_path / "kinds.toml").write_text(printed, encoding="utf-8")
         for settings in (words, ["--config", tmp_path / "kinds.toml"]):
             folder = tmp_path / str(settings[0])
             done("run", clip, "-o", folder, "-q", "--model", "kinds", "--fov", "60", *settings)
