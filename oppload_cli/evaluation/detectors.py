@@ -118,8 +118,9 @@ def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:
 
 def _by_presets() -> tuple[list[str], list[str]]:
     """Return the names of the detectors that presets change, and of the other detectors."""
-    changed = [name for name, each in detectors().items() if each.presets]
-    return changed, [name for name in detectors() if name not in changed]
+    known = detectors()
+    changed = [name for name, each in known.items() if each.presets or len(each.alarm_floors) > 1]
+    return changed, [name for name in known if name not in changed]
 
 
 def _usual() -> list[str]:
@@ -144,9 +145,7 @@ def _full_names(names: Iterable[str], usual: str = DEFAULT_PRESET) -> list[str]:
     for name in full:
         head, _, preset = name.partition(":")
         if head in others and preset in PRESETS:
-            raise ParameterError(
-                f"model '{name}': no preset changes the parameters of {head}; leave out ':{preset}'"
-            )
+            raise ParameterError(f"model '{name}': no preset changes {head}; leave out ':{preset}'")
         if name not in known:
             raise ParameterError(f"no model '{name}'{suggestion(name, known)}")
     return list(dict.fromkeys(full))
@@ -172,7 +171,7 @@ def _evaluated(full_name: str, **options: Any) -> EvaluatedDetector:
         )
     return EvaluatedDetector(
         full_name,
-        PRESETS[preset].meaning if detector.presets else detector.meaning,
+        PRESETS[preset].meaning if full_name != name else detector.meaning,
         settings.height,
         settings.model_params()[0],
         settings.alarm,

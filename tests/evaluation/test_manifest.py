@@ -11,6 +11,7 @@ from oppload_cli.errors import ManifestError, ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors, evaluated_detectors
 from oppload_cli.evaluation.inputs import clips_of
 from oppload_cli.evaluation.manifest import read_manifest, with_boxes
+from oppload_cli.models.frame_difference import FrameDifference
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -256,6 +257,14 @@ def test_a_file_of_settings_holds_for_all_evaluated_detectors(tmp_path: Path) ->
     assert {(each.height, each.repeats.handling) for each in found} == {(200, "keep")}
     with pytest.raises(ParameterError, match="height 'native' has no meaning for all of them"):
         evaluated_detectors(height="native")
+
+
+def test_a_detector_with_other_floors_under_other_presets(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FrameDifference, "alarm_floors", {"default": 0.05, "reference": 0.01})
+    found = chosen_detectors(["frame_difference:reference", "frame_difference"])
+    floors = [each.as_dict()["alarm"]["frame_difference_floor"] for each in found]
+    assert floors == [0.01, 0.05]
+    assert [each.name.partition(":")[2] for each in found] == ["reference", "default"]
 
 
 def test_detectors_and_the_baselines_beside_them() -> None:
