@@ -13,7 +13,7 @@ from oppload_cli.stimulus.catalogue import Entry, entries, find, in_toml, parsed
 from oppload_cli.stimulus.protocol import Protocol, json_schema
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
 
@@ -168,8 +168,7 @@ def _table(listed: Sequence[Entry]) -> str:
 def _shown(original: Entry, entry: Entry) -> str:
     """Return the description of an entry with its changed values, and the text of its file."""
     protocols = entry.protocols()
-    first = protocols[0]
-    display = first.display
+    displays = (each.display for each in protocols)
     changes = [
         f"{dotted} = {in_toml(value)}, {_in_file(original.value_of(dotted))}"
         for dotted, value in entry.changes.items()
@@ -179,9 +178,14 @@ def _shown(original: Entry, entry: Entry) -> str:
         "description": entry.description,
         "source": entry.source,
         "tags": ", ".join(entry.tags),
-        "display": f"{display.width} x {display.height} px, {display.scale:g} px/deg, "
-        f"{display.projection}, {float(display.frame_rate):g} Hz",
-        "frames": f"{first.frame_count} ({first.timing.total_s:g} s)",
+        "display": _different(
+            f"{each.width} x {each.height} px, {each.scale:g} px/deg, {each.projection}, "
+            f"{float(each.frame_rate):g} Hz"
+            for each in displays
+        ),
+        "frames": _different(
+            f"{each.frame_count} ({each.timing.total_s:g} s)" for each in protocols
+        ),
         "file": str(entry.path),
         "stimuli": _INDENT.join(protocol.name for protocol in protocols),
     }
@@ -189,6 +193,11 @@ def _shown(original: Entry, entry: Entry) -> str:
     if changes:
         lines += ["", "The file, without the changes:"]
     return "\n".join([*lines, "", entry.path.read_text(encoding="utf-8")])
+
+
+def _different(texts: Iterable[str]) -> str:
+    """Return each text of the stimuli of a sweep once, on lines of their own."""
+    return _INDENT.join(dict.fromkeys(texts))
 
 
 def _in_file(value: object) -> str:

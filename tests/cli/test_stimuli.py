@@ -81,6 +81,15 @@ def test_show() -> None:
     assert "bar.axis_deg = [0, 15," in shown
 
 
+def test_show_states_the_displays_of_all_stimuli_of_a_sweep(tmp_path: Path) -> None:
+    path = tmp_path / "rates.toml"
+    path.write_text(f"{OWN}\n[sweep]\ndisplay.frame_rate = [60, 144]\ntiming.after_s = [0, 1]\n")
+    shown = run("show", str(path)).stdout.splitlines()
+    lines = [line[13:] for line in shown[: shown.index("")]]
+    assert [line.split()[-2] for line in lines if line.endswith(" Hz")] == ["60", "144"]
+    assert sum(line.endswith(" s)") for line in lines) == 4
+
+
 def test_show_as_json_is_the_resolved_protocol() -> None:
     result = run("show", "klapoetke2017/loom", "--json", "--change", "display.frame_rate=60")
     (table,) = json.loads(result.stdout)
