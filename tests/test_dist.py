@@ -62,7 +62,7 @@ def test_what_is_missing_or_cut_is_found(tmp_path: Path) -> None:
     with pytest.raises(WrongWheelError, match="the tag is not"):
         check_wheel(wheel(tmp_path, "macos-arm64"), "macos-x86_64")
     path = wheel(tmp_path, "linux-aarch64")
-    path.rename(tmp_path / f"oppload-1.0-py3-none-{TARGETS['linux-x86_64'].tag}.whl")
+    path.replace(tmp_path / f"oppload-1.0-py3-none-{TARGETS['linux-x86_64'].tag}.whl")
     with pytest.raises(WrongWheelError, match="holds"):
         check_wheel(next(tmp_path.glob("*1.0*x86_64*.whl")), "linux-x86_64")
 

@@ -27,6 +27,7 @@ from oppload_cli.errors import (
 )
 
 if sys.platform == "win32":
+    import _winapi
     import msvcrt
 else:
     import fcntl
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
 
 PART = ".part"  # end of the name of a file or folder that is still being written
 _DYING_S = 0.5  # time for which a run that was killed may still hold its lock
-_LOCKED_BYTE = 1 << 40  # on Windows; nobody else can read a locked byte, so it is behind the end
+# On Windows. Nobody else can read a locked byte, so it is behind the end.
+_LOCKED_BYTE, _CREATE_NEW, _SHARED = 1 << 40, 1, 7  # to read, write and remove
 # Flags that follow no link and wait for no pipe. Windows lacks them: there, only `_check_alone`
 # refuses links and pipes.
 _CAUTIOUS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
@@ -239,9 +241,7 @@ class PartFile(_Part):
             os.fsync(self.binary.fileno())  # a system crash must not leave an empty file
             if not os.path.samestat(os.fstat(self.binary.fileno()), os.lstat(self.part)):
                 raise FileExistsError(errno.EEXIST, f"{self.part.name} is another file now")
-            if sys.platform == "win32":  # cannot rename an open file
-                self.stream.close()
-            # Elsewhere the file is still open and so locked: no other run can write it.
+            # The file is still open and so locked: no other run can write it.
             self.part.replace(self.path)
             self._done = True
             self.stream.close()
@@ -256,8 +256,6 @@ class PartFile(_Part):
         """Close the file and remove it; do nothing after `commit` or `keep`."""
         if self._done:
             return
-        if sys.platform == "win32":
-            self.keep()
         with suppress(OSError):
             self.part.unlink()
         self.keep()
@@ -320,7 +318,7 @@ def _opened(part: Path, path: Path) -> tuple[FileIO, bool]:
     """
 
     def opener(flags: int) -> Callable[[str, int], int]:
-        return lambda name, own: os.open(name, own | flags | _CAUTIOUS, 0o666)
+        return lambda _, own: _descriptor(part, own | flags)
 
     with suppress(FileExistsError):
         return FileIO(part, "r+", opener=opener(os.O_CREAT | os.O_EXCL)), True
@@ -335,6 +333,18 @@ def _opened(part: Path, path: Path) -> tuple[FileIO, bool]:
         file.close()
         raise
     return file, False
+
+
+def _descriptor(part: Path, flags: int) -> int:
+    """Open a file that may be renamed and removed while it is open."""
+    if sys.platform == "win32":
+        access = _winapi.GENERIC_READ | _winapi.GENERIC_WRITE
+        how = _CREATE_NEW if flags & os.O_EXCL else _winapi.OPEN_EXISTING
+        handle = _winapi.CreateFile(str(part), access, _SHARED, _winapi.NULL, how, 0, _winapi.NULL)
+        descriptor = msvcrt.open_osfhandle(handle, flags)
+    else:
+        descriptor = os.open(part, flags | _CAUTIOUS, 0o666)
+    return descriptor
 
 
 def _check_alone(status: os.stat_result, part: Path) -> None:

@@ -290,8 +290,10 @@ def open_source(
     102
     """
     size = parse_height(preset_named(preset).height if height is None else height)
-    if isinstance(source, str | Path) and _is_stimulus(str(source)):
-        source = stimulus.load(str(source))
+    # Names of stimuli have slashes, also on Windows.
+    name = source.as_posix() if isinstance(source, Path) else source
+    if isinstance(name, str) and _is_stimulus(name):
+        source = stimulus.load(name)
     is_array = isinstance(source, np.ndarray | list | tuple)
     if isinstance(source, list | tuple) and source and isinstance(source[0], str | Path):
         raise SourceError("a list of names is no source of frames; take one name after the other")

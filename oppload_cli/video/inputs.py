@@ -11,6 +11,7 @@ import json
 import math
 import os
 import re
+import sys
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from numbers import Real
@@ -360,8 +361,13 @@ def _with_hash(stem: str, name: str) -> str:
 
 
 def _path_bytes(name: str) -> bytes:
-    # `Path.resolve` would raise an error for a link to itself.
-    path = name if is_camera_or_stream(name) else os.path.realpath(name)
+    path = name
+    if not is_camera_or_stream(name):
+        try:
+            path = os.path.realpath(name)  # `Path.resolve` would refuse a link to itself
+        except OSError:  # elsewhere than on Windows, the current folder is gone
+            if sys.platform != "win32":
+                raise
     return path.encode("utf-8", "surrogateescape")
 
 

@@ -76,7 +76,7 @@ def test_a_loaded_detector_runs_also_in_other_processes(own: Path, tmp_path: Pat
         found = [float(row["darkening_response"]) for row in csv.DictReader(table[0:1] + table[2:])]
         assert [round(each, 6) for each in found] == [round(each, 6) for each in shares]
         sidecar = json.loads((tmp_path / "out" / f"{stem}.oppload.json").read_text())
-        checksum = hashlib.sha256(DETECTOR.encode()).hexdigest()
+        checksum = hashlib.sha256(own.read_bytes()).hexdigest()
         assert sidecar["loaded"] == [{"name": str(own), "sha256": checksum}]
     again = words_of(done.stderr.strip().splitlines()[-1])
     assert again[:4] == ["oppload", "--load", "own.py", "run"]
