@@ -16,7 +16,15 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from oppload_cli.batch.plan import Failure, Tally, parse_shard, planned, read_list, write_failures
+from oppload_cli.batch.plan import (
+    FAILURE_COLUMNS,
+    Failure,
+    Tally,
+    parse_shard,
+    planned,
+    read_list,
+    write_failures,
+)
 from oppload_cli.cli import say
 from oppload_cli.cli.options import RunOptions, check_assignments, check_models
 from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, faults, outcome_lines
@@ -34,13 +42,14 @@ from oppload_cli.errors import (
 )
 from oppload_cli.files.atomic import folder_of_outputs
 from oppload_cli.files.reading import is_file
+from oppload_cli.files.tables import refuse_another_table, rows_of
 from oppload_cli.models.detector import Detector
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.pipeline.task import IfExists, Interrupted, Outcome, Outputs, Task, exists_already
-from oppload_cli.results.alarms import write_alarms
+from oppload_cli.results.alarms import ALARM_COLUMNS, write_alarms
 from oppload_cli.video.inputs import GROUND_TRUTH, Span, left_out
 
 if sys.platform == "win32":
@@ -183,6 +192,10 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
     quiet = options.verbosity < 0
     for line in faults(task, outcome, quiet=True) if quiet else outcome_lines(task, outcome):
         say(line)
+    alarms = options.output / "alarms.csv"
+    # Maybe an earlier batch has listed the alarms of this result.
+    if task.outputs and outcome.verdicts and rows_of(alarms, ALARM_COLUMNS):
+        write_alarms(alarms, {task.name: outcome.verdicts}, {task.name: task.stem})
     tally = Tally()
     tally.add(task.name, outcome)
     return tally.exit_code(options.fail_on)
@@ -293,6 +306,9 @@ class _Batch:
         part = f"-{options.shard.replace('/', '-of-')}" if options.shard else ""
         self._failures = options.output / f"failures{part}.csv"
         self._alarms = options.output / f"alarms{part}.csv"
+        if options.if_exists != IfExists.OVERWRITE:
+            refuse_another_table(self._failures, FAILURE_COLUMNS)
+            refuse_another_table(self._alarms, ALARM_COLUMNS)
         self._rows = AlarmTable((each.stem for each in plan.inputs), models)
         self._tally, self._shown = Tally(plan.failures), bool(models)
         self._remarked = 0

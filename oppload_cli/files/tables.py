@@ -171,6 +171,19 @@ def rows_of(path: Path, columns: Sequence[str]) -> list[dict[str, str | None]]:
     return []
 
 
+def refuse_another_table(path: Path, columns: Sequence[str]) -> None:
+    """Raise OutputError if a file of this name, such as one of the user's, has other columns."""
+    first = ",".join(columns)
+    if is_file(path):
+        with suppress(OSError), path.open(encoding="utf-8-sig", errors="replace") as file:
+            if file.readline(len(first) + 1).strip() == first:
+                return
+        raise OutputError(
+            f"{path}: exists already and is no list of this version of 'oppload run'; move it, or "
+            "choose another --output"
+        )
+
+
 def rows_in(path: Path) -> int:
     """Return how many complete rows a CSV file without line ends in its cells holds."""
     with path.open("rb") as file:

@@ -19,7 +19,7 @@ from oppload_cli.cli import progress
 from oppload_cli.cli.progress import AlarmTable, BatchProgress
 from oppload_cli.errors import printable
 from oppload_cli.pipeline.task import Interrupted, Outcome
-from oppload_cli.results.alarms import verdicts_in
+from oppload_cli.results.alarms import ALARM_COLUMNS, verdicts_in
 from tests.cli import process
 from tests.cli.inside import oppload, words_of
 from tests.media import grey_frames, write_film, write_video
@@ -145,6 +145,33 @@ def test_a_list_that_cannot_be_written_is_no_success(clips: Path, tmp_path: Path
     assert len(tables(tmp_path)) == 2
     for name in ("alarms.csv", "failures.csv"):
         assert f"{name}: cannot be written (" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["alarms.csv", "failures.csv"])
+def test_a_file_of_the_user_with_the_name_of_a_list_stays(
+    clips: Path, tmp_path: Path, name: str
+) -> None:
+    mine = tmp_path / name
+    mine.write_text("mine\n1\n")
+    words = ("run", clips / "clip[01].avi", "-j", "1", "-o", tmp_path, *FAST, "--if-exists")
+    for choice in ("error", "skip"):
+        refused = oppload(*words, choice)
+        assert refused.returncode == 2
+        assert f"{name}: exists already and is no list of this version" in refused.stderr
+        assert (list(tmp_path.iterdir()), mine.read_text()) == ([mine], "mine\n1\n")
+    assert oppload(*words, "overwrite").returncode == 0
+    assert oppload(*words, "skip").returncode == 0
+
+
+def test_a_run_of_one_input_brings_the_alarms_of_a_batch_up_to_date(
+    clips: Path, tmp_path: Path
+) -> None:
+    alarms = tmp_path / "alarms.csv"
+    header = ",".join(ALARM_COLUMNS)
+    rows = [f"{name},{name}.avi,opplod,1,0,1,2,,,,," for name in ("clip0", "clip1")]
+    alarms.write_text("\n".join([header, *rows]) + "\n")
+    assert oppload("run", clips / "clip0.avi", "-o", tmp_path, *FAST).returncode == 0
+    assert alarms.read_text().splitlines() == [header, rows[1]]  # without an alarm of clip0
 
 
 def test_an_input_that_does_not_suit_the_settings_is_named(tmp_path: Path) -> None:
