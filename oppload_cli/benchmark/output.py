@@ -14,7 +14,7 @@ from oppload_cli.environment import environment
 from oppload_cli.errors import OutputError
 from oppload_cli.evaluation.detectors import EvaluatedDetector, full_label
 from oppload_cli.evaluation.page import number
-from oppload_cli.files.atomic import output_errors, remove, write_atomic
+from oppload_cli.files.atomic import output_errors, refuse_existing, remove, write_atomic
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.files.tables import Cell, csv_text, finite_text
 from oppload_cli.models.registry import detector_named
@@ -150,9 +150,10 @@ def settings_of(
 
 
 def refuse_other(folder: Path, settings: Mapping[str, Any]) -> None:
-    """Raise OutputError if a folder holds a benchmark with other settings."""
+    """Raise OutputError if a folder has a benchmark with other settings, or other such files."""
     earlier = _earlier_sidecar(folder)
     if earlier is None:
+        refuse_existing((folder / name for name in _FILES), "error")
         return
     # Through JSON, as `earlier` was: it makes lists of tuples.
     wanted = json.loads(json.dumps(settings, default=str))

@@ -272,6 +272,9 @@ def test_a_benchmark_with_other_settings_is_replaced_on_request_only(
     assert sorted(path.name for path in tmp_path.glob("*.pdf")) == ["mine.pdf", "polarity.pdf"]
     (tmp_path / "benchmark.json").write_text("damaged")
     assert "with other detectors and tables" in inside.oppload(*call).stderr
+    (tmp_path / "benchmark.json").unlink()
+    refused = inside.oppload(*call)
+    assert (refused.returncode, "stimuli.csv: exists already" in refused.stderr) == (2, True)
 
 
 @pytest.mark.usefixtures("_small_battery", "undrawn")
