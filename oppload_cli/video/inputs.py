@@ -31,7 +31,7 @@ from oppload_cli.schema import is_integer
 from oppload_cli.video.frames import FrameTimes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from oppload_cli.video.frames import Picture, PictureSource
 
@@ -342,12 +342,16 @@ def other_stems(name: str, stem: str) -> tuple[str, str]:
     return stem + suffix, PurePath(folder, _with_hash(last, name)).as_posix()
 
 
-def each_once(names: Iterable[str]) -> list[str]:
-    """Return single inputs without duplicates, even if `names` spell an input in two ways.
+def each_once(stems: Mapping[str, str]) -> list[str]:
+    """Return single inputs without duplicates, from the stems of their results by name.
 
-    A link and its target are two inputs if their names differ.
+    Several spellings of a path are one input, and so are links to one file if their results have
+    one stem. Otherwise links are inputs of their own, as their results are.
     """
-    once = {(_stem(name), _path_bytes(name)): name for name in reversed(list(names))}
+    spelled = {_path_bytes(name): name for name in reversed(list(stems))}.values()
+    once: dict[tuple[str, str], str] = {}
+    for name in spelled:
+        once[stems[name], os.path.realpath(name) if is_there(name) else name] = name
     return list(reversed(once.values()))
 
 
@@ -362,12 +366,12 @@ def _with_hash(stem: str, name: str) -> str:
 
 def _path_bytes(name: str) -> bytes:
     path = name
-    if not is_camera_or_stream(name):
-        try:
-            path = os.path.realpath(name)  # `Path.resolve` would refuse a link to itself
-        except OSError:  # elsewhere than on Windows, the current folder is gone
-            if sys.platform != "win32":
-                raise
+    if is_folder(name):
+        path = os.path.realpath(name)
+    elif not is_camera_or_stream(name):
+        folder, last = os.path.split(name)
+        # `Path.resolve` would raise an error for a link to itself.
+        path = os.path.join(os.path.realpath(folder), last)  # noqa: PTH118
     return path.encode("utf-8", "surrogateescape")
 
 

@@ -54,6 +54,19 @@ def test_folders_patterns_and_files_are_sorted_and_each_once() -> None:
     ]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no links")
+def test_links_are_inputs_of_their_own_if_their_results_are(tree: Path) -> None:
+    """As in a data set whose files are links to one store, in which equal files are one."""
+    for folder in ("s1", "s2", "s3"):
+        (tree / folder).mkdir()
+        (tree / folder / "x.avi").symlink_to("../a/x.avi")
+    links = ["s1/x.avi", "s2/x.avi", "s3/x.avi"]
+    assert names("s?/*.avi", "./s1/x.avi") == links
+    assert names("a", *links) == ["a/x.avi"]  # of one result
+    (tree / "here").symlink_to("s1")
+    assert names("here", "s1/x.avi") == ["here/x.avi"]
+
+
 @pytest.mark.usefixtures("tree")
 def test_results_keep_the_folders_of_their_inputs() -> None:
     plan = planned(["."], recursive=True)
