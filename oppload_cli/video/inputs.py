@@ -11,7 +11,6 @@ import json
 import math
 import os
 import re
-import sys
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from numbers import Real
