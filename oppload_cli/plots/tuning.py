@@ -14,7 +14,6 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.plots import style
 from oppload_cli.plots.classic import FIGURES
 from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
-from oppload_cli.plots.naming import indicator_of, labels_of
 from oppload_cli.plots.polar import direction_tuning, direction_tunings, plot_polar
 from oppload_cli.plots.tuning_curves import Request, TuningCurve, described, first_stimulus
 from oppload_cli.results.cells import check_numbers
@@ -100,7 +99,7 @@ def plot_tuning(
     'speed (deg/s)'
     """
     tunings, models = style.as_list(tunings, Tuning), style.as_names(models)
-    names = labels_of(tunings, labels)
+    names = style.labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(
             f"a tuning plot has the scale peak or raw, not '{scale}'; choose one of them"
@@ -157,7 +156,7 @@ def lines_of(
     kinds have no lines. The parameters are those of :func:`plot_tuning`.
     """
     kind = kind or kind_of(tunings[0])
-    request = Request(tunings, models, labels_of(tunings, labels), lplc2=lplc2)
+    request = Request(tunings, models, style.labels_of(tunings, labels), lplc2=lplc2)
     if kind == "polar":
         request = request._replace(tunings=[_reduced(each) for each in tunings])
         return [each.line() for each in direction_tunings(request)]
@@ -211,7 +210,7 @@ def _title(tunings: Sequence[Tuning], kind: str) -> str:
     first = tunings[0]
     figure = first.sidecar.get("figure", {}) if kind == kind_of(first) else {}
     title = str(figure.get("title", first.name)) if len(tunings) == 1 else ""
-    indicators = {indicator_of(each.sidecar) for each in tunings}
+    indicators = {style.indicator_of(each.sidecar) for each in tunings}
     through = f"through an {indicators.pop()}" if len(indicators) == 1 and all(indicators) else ""
     return ", ".join(filter(None, (title, through)))
 
@@ -224,7 +223,7 @@ def _settings_lines(tunings: Sequence[Tuning], names: Sequence[str], title: str)
     """
     lines = []
     for tuning, name in zip(tunings, names, strict=True):
-        indicator = indicator_of(tuning.sidecar)
+        indicator = style.indicator_of(tuning.sidecar)
         unstated = "" if indicator in f"{title}, {name}" else indicator
         lines.append("; ".join(filter(None, (_settings_of(tuning), unstated))))
     if len(set(lines)) == 1:

@@ -17,9 +17,16 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError, StimulusError, nearest, suggestion
 from oppload_cli.files.reading import is_file, reading, text_of
-from oppload_cli.stimulus.keys import WORDS, excluded_by, key_of, value_at, with_value, without
 from oppload_cli.stimulus.protocol import Protocol
-from oppload_cli.stimulus.tables import SURROUNDINGS
+from oppload_cli.stimulus.tables import (
+    SURROUNDINGS,
+    WORDS,
+    excluded_by,
+    key_of,
+    value_at,
+    with_value,
+    without,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -23,13 +23,14 @@ from oppload_cli.stimulus.objects import GRATINGS, PICTURE, Object
 from oppload_cli.stimulus.patterns import (
     DotField,
     Tile,
+    cutout_of,
     generator,
     noise_tile,
     shaded,
+    shadow_of,
     sine_wave,
     square_wave,
 )
-from oppload_cli.stimulus.pictures import cutout_of, shadow_of
 from oppload_cli.stimulus.protocol import Protocol, check_protocol
 from oppload_cli.stimulus.staging import View, camera_of, sight_of
 from oppload_cli.stimulus.surfaces import Surface

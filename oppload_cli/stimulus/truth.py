@@ -12,7 +12,7 @@ from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.geometry import Pose, Projection
 from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
 from oppload_cli.stimulus.objects import FIELDS, PICTURE, SIZED, Object
-from oppload_cli.stimulus.pictures import cutout_of
+from oppload_cli.stimulus.patterns import cutout_of
 from oppload_cli.stimulus.protocol import Protocol, check_protocol
 from oppload_cli.stimulus.staging import NEAREST_M, camera_of, contact_of, miss_of, sight_of
 from oppload_cli.version import __version__

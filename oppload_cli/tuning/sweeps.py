@@ -16,7 +16,7 @@ from oppload_cli.errors import ParameterError, StimulusError, faults_at, suggest
 from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.results.reading import direction_of
 from oppload_cli.stimulus.catalogue import Entry, find
-from oppload_cli.stimulus.keys import key_of, value_at
+from oppload_cli.stimulus.tables import key_of, value_at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -10,7 +10,7 @@ import pytest
 
 from oppload_cli.stimulus import Object
 from oppload_cli.stimulus.courses import Course
-from oppload_cli.stimulus.pictures import cutout_of
+from oppload_cli.stimulus.patterns import cutout_of
 
 if TYPE_CHECKING:
     from pathlib import Path
