@@ -120,8 +120,7 @@ def _run(
     """Measure a sweep; write the table, the sidecar and the plot, and return their paths."""
     from oppload_cli.plots import style, tuning
     from oppload_cli.results.table import write_sidecar
-    from oppload_cli.tuning.doubts import doubts_about
-    from oppload_cli.tuning.run import tune, tuning_sidecar, write_tuning
+    from oppload_cli.tuning.run import doubts_about, tune, tuning_sidecar, write_tuning
 
     say_remarks(sweep.entry.protocols())
     for key, value in sweep.fixed.items():

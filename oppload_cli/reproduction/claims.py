@@ -24,8 +24,8 @@ from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.tuning.doubts import faint
 from oppload_cli.tuning.present import Responses, present
+from oppload_cli.tuning.run import faint
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence

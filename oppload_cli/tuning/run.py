@@ -1,11 +1,12 @@
-"""Runs a sweep: shows each condition to each detector, and writes the table of the measures."""
+"""Runs a sweep, writes the table of the measures, and finds the curves that mean little."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from functools import partial
+from itertools import chain
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,15 +14,21 @@ from oppload_cli.environment import environment
 from oppload_cli.errors import faults_at
 from oppload_cli.files.atomic import PartFile, write_atomic
 from oppload_cli.files.tables import csv_text
-from oppload_cli.models.registry import parameters_of
+from oppload_cli.models.registry import (
+    alarm_floor_of,
+    detector_named,
+    is_rounding_error,
+    parameters_of,
+)
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
 from oppload_cli.stimulus.renderer import Renderer
+from oppload_cli.stimulus.truth import frame_truth
 from oppload_cli.tuning.present import Condition, Measures, measure, present, seen_in
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from oppload_cli.files.tables import Cell
@@ -29,12 +36,16 @@ if TYPE_CHECKING:
     from oppload_cli.schema import Parameters
     from oppload_cli.stimulus.catalogue import Entry
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.tuning.doubts import Doubt
     from oppload_cli.tuning.sweeps import Sweep
 
 
 _SCHEMA = "oppload.tuning/1"
 _PRESENTATION = "presentation"  # column of the number of a presentation in a row
+_FAINT = 0.1  # of the floor of the alarm; a detector with smaller responses hardly responds
+_ONSET_INTERVALS = 2.5  # of 1/30 s: two intervals, and half an interval for a late frame
+_ONSET_S = _ONSET_INTERVALS / 30
+_NEURON = "arms"  # the judgement of a detector that responds like one LPLC2 neuron
+_ONE_UNIT = "1x1"
 
 
 def tune(
@@ -225,3 +236,209 @@ def _cells(values: dict[str, Any]) -> dict[str, Cell]:
             number = isinstance(value, int | float) and not isinstance(value, bool)
             cells[key] = value if number else str(value)
     return cells
+
+
+# ---- Doubts: why a curve means little ----------------------------------------------------------
+
+
+class Doubt(NamedTuple):
+    """Why the curve of a detector means little."""
+
+    detector: str
+    note: str  # in a few words, for the legend of a figure
+    text: str  # a sentence with the numbers and advice
+
+
+def doubts_about(
+    conditions: Sequence[Condition], sweep: Sweep, indicator_s: float = 0.0
+) -> Iterator[Doubt]:
+    """Yield the detectors whose curves over a sweep mean little, with the reasons.
+
+    `conditions` is what :func:`tune` returned for the other arguments.
+    """
+    protocols, settings = sweep.entry.protocols(), sweep.settings
+    if not indicator_s:  # an indicator makes each peak smaller, and the floors do not regard it
+        peaks = {
+            name: max(each.measures[name].peak or 0 for each in conditions)
+            for name in settings.models
+        }
+        yield from faint(peaks, settings)
+    if sweep.presentations == 1:
+        yield from _to_onset(conditions, protocols)
+        yield from _within_warm_up(conditions, protocols)
+        if not indicator_s:  # with one, a peak may come at the end of any motion
+            yield from _to_vanishing(conditions, protocols)
+    yield from _unlike_neurons(settings, protocols[0].display.height, indicator_s)
+
+
+def faint(peaks: Mapping[str, float], settings: Settings) -> Iterator[Doubt]:
+    """Yield the detectors that hardly respond: the shapes of their curves mean little.
+
+    `peaks` has the largest response of each detector without an indicator.
+    """
+    floor_of = "the floor of its alarm"
+    if not settings.alarm.on:
+        floor_of = "the floor of its alarm under other presets (here the alarms are off)"
+    under = f"to this stimulus under preset {settings.preset}"
+    advice = "try other speeds, or another preset ('oppload models')"
+    for name, peak in peaks.items():
+        floor, label = alarm_floor_of(name, settings.preset), detector_named(name).label
+        if is_rounding_error(peak, floor):
+            yield Doubt(
+                name,
+                "below a millionth of its floor",
+                f"{label} does not respond {under}: its largest response is below a millionth of "
+                f"{floor_of}, {floor:g}, and may be a rounding error; {advice}",
+            )
+        elif peak < _FAINT * floor:
+            yield Doubt(
+                name,
+                "below a tenth of its floor",
+                f"{label} hardly responds {under}: its largest response, {peak:.2g}, is below a "
+                f"tenth of {floor_of}, {floor:g}, so that the shape of its curve means little; "
+                f"{advice}",
+            )
+
+
+def _to_onset(conditions: Sequence[Condition], protocols: Sequence[Protocol]) -> Iterator[Doubt]:
+    """Yield the detectors that respond to the start of the motion.
+
+    Any motion that starts excites these detectors, because nothing moved before. So the peak at the
+    start of the motion shows no tuning. Without a pause before the motion, a detector with a long
+    warm-up has no response to this start; the others respond to it all the same.
+    """
+    pauses = [_pause(protocol) for protocol in protocols]
+    keys = dict.fromkeys(key for _, named in pauses for key in named)
+    advice = f"; {' and '.join(f'--change {key}=0' for key in keys)} leaves the pause before it out"
+    for name in conditions[0].measures:
+        times = [each.measures[name].peak_time_s for each in conditions]
+        early = [
+            time_s is not None and time_s - start < _ONSET_S
+            for (start, _), time_s in zip(pauses, times, strict=True)
+        ]
+        helps = keys and detector_named(name).warm_up > _ONSET_INTERVALS
+        yield from _about_peaks(
+            name,
+            early,
+            "at the start of the motion",
+            f"come within {_ONSET_S:.2g} s after the start of the motion: they are responses to "
+            f"this start, and show no tuning{advice if helps else ''}",
+        )
+
+
+def _about_peaks(name: str, doubted: Sequence[bool], note: str, text: str) -> Iterator[Doubt]:
+    """Yield a doubt if some peaks of a detector, of which each condition has one, mean nothing."""
+    if any(doubted):
+        part = f"{sum(doubted)} of {len(doubted)} peaks"
+        label = detector_named(name).label
+        yield Doubt(name, f"{part} {note}: no tuning", f"{label}: {part} {text}")
+
+
+def _within_warm_up(
+    conditions: Sequence[Condition], protocols: Sequence[Protocol]
+) -> Iterator[Doubt]:
+    """Yield the detectors that see only the end of the motion, or nothing of it.
+
+    A detector with a long warm-up does not respond to the first intervals of a motion. If these are
+    more than half of the motion, a peak of 0, or one in the first frame with a response, depends on
+    the warm-up.
+    """
+    for name in conditions[0].measures:
+        warm_up = detector_named(name).warm_up
+        first_s = warm_up / 30
+        if warm_up <= _ONSET_INTERVALS:
+            continue
+        missed = []
+        for condition, protocol in zip(conditions, protocols, strict=True):
+            found, start_s = condition.measures[name], _pause(protocol)[0]
+            late = found.peak_time_s is None or (
+                found.onset_frame == found.peak_frame
+                and _ONSET_S <= found.peak_time_s - start_s < first_s + 1 / 30
+            )
+            missed.append(late and 0 < _motion_end(protocol) - start_s < 2 * first_s)
+        yield from _about_peaks(
+            name,
+            missed,
+            "cut off by the warm-up",
+            f"are 0 or its first response, because it responds only from {first_s:.2g} s after the "
+            "start of the motion on, when more than half of the motion is over: they show no "
+            "tuning; choose a slower or longer motion",
+        )
+
+
+def _motion_end(protocol: Protocol) -> float:
+    """Return when the last object stops, in seconds of the clip; 0 if none moves."""
+    step_s = 1 / float(protocol.display.frame_rate)
+    truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))
+    moving = [each.time_s for each in truths if any(one.edge_speed_deg_s for one in each.objects)]
+    return moving[-1] + step_s if moving else 0.0
+
+
+def _pause(protocol: Protocol) -> tuple[float, list[str]]:
+    """Return the seconds before the first motion, and the keys of the protocol that set them."""
+    before_s = protocol.timing.before_s
+    keys = ["timing.before_s"] if before_s else []
+    moving = [each for each in protocol.objects if each.motion or each.growth]
+    if protocol.scene.motion or not moving:
+        return before_s, keys
+    onset_s = min(each.onset_s for each in moving)
+    first = [each for each in moving if onset_s and each.onset_s == onset_s]
+    return before_s + onset_s, keys + [f"{each.id}.onset_s" for each in first]
+
+
+def _to_vanishing(
+    conditions: Sequence[Condition], protocols: Sequence[Protocol]
+) -> Iterator[Doubt]:
+    """Yield the detectors that respond to an object that vanishes, which is no motion."""
+    vanishing = [_vanishing(protocol) for protocol in protocols]
+    advice = " and ".join(f"--change {key}=never" for key in dict.fromkeys(chain(*vanishing)))
+    for name in conditions[0].measures:
+        times = [each.measures[name].peak_time_s for each in conditions]
+        late = [
+            time_s is not None and any(-1e-6 < time_s - end_s < _ONSET_S for end_s in ends.values())
+            for ends, time_s in zip(vanishing, times, strict=True)
+        ]
+        yield from _about_peaks(
+            name,
+            late,
+            "when an object vanishes",
+            f"come within {_ONSET_S:.2g} s after an object has vanished: they are responses to "
+            f"this, and show no tuning; {advice} keeps the object",
+        )
+
+
+def _vanishing(protocol: Protocol) -> dict[str, float]:
+    """Return when objects vanish, in s, by the keys of the protocol that say so."""
+    return {
+        f"{each.id}.vanishes": protocol.motion_of(each)[1]
+        for each in protocol.objects
+        if each.vanishes != "never"
+    }
+
+
+def _unlike_neurons(settings: Settings, height: int, indicator_s: float) -> Iterator[Doubt]:
+    """Yield the detectors that model LPLC2 neurons, but are not measured as the neurons were.
+
+    The neurons were recorded one at a time, with a calcium indicator (``docs/lplc2.md``). Without
+    an indicator, the peak is that of the first transient; with many units, the strongest one gives
+    the peak. Each of these makes the responses to bars several times as large. `height` is the
+    height of the stimulus in px.
+    """
+    resolved = settings.with_all_detectors().resolved(settings.height or height)
+    for name in settings.models:
+        if getattr(resolved[name], "judgement", "") != _NEURON:
+            continue
+        remedies = {}  # by cause
+        if not indicator_s:
+            remedies["no indicator"] = "--indicator 1"
+        if getattr(resolved[name], "units", _ONE_UNIT) != _ONE_UNIT:
+            remedies["more than one unit"] = f"--set {name}.units={_ONE_UNIT}"
+        if remedies:
+            cause = " and ".join(remedies)
+            yield Doubt(
+                name,
+                f"{cause}: larger for bars than in LPLC2 neurons",
+                f"{detector_named(name).label}: LPLC2 neurons were measured one at a time, with a "
+                f"calcium indicator; with {cause}, the responses to bars are several times as "
+                f"large as those of the neurons; add {' and '.join(remedies.values())}",
+            )

@@ -16,9 +16,8 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.tuning import KINDS
 from oppload_cli.schema import Parameters, parameter
-from oppload_cli.tuning.doubts import doubts_about
 from oppload_cli.tuning.present import Responses, low_passed, present
-from oppload_cli.tuning.run import tune, write_tuning
+from oppload_cli.tuning.run import doubts_about, tune, write_tuning
 from oppload_cli.tuning.sweeps import FIGURES, Sweep, sweeps
 from tests.results.make import rows_of
 from tests.tuning.test_tuning import disk, swept
