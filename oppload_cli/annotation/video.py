@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import cv2
 import numpy as np
@@ -40,12 +40,9 @@ class _Frames:
             self._waiting.append(frame)
             yield frame
 
-    def picture(self, index: int) -> Bgr | None:
-        """Return the picture of a frame, and forget it and the pictures of earlier frames."""
-        frame = self._waiting.popleft()
-        while frame.index < index:
-            frame = self._waiting.popleft()
-        return frame.colour
+    def picture(self) -> Bgr:
+        """Return the picture of the earliest frame that has not been asked for yet."""
+        return cast("Bgr", self._waiting.popleft().colour)
 
 
 class AnnotatedVideo:
@@ -96,9 +93,8 @@ class AnnotatedVideo:
     def write(self, record: FrameRecord) -> None:
         """Take the record of the next frame."""
         self._await(_AHEAD)
-        picture = self.frames.picture(record.frame)
-        if picture is not None:
-            self._waiting.append(self._thread.submit(self._encode, picture, record))
+        picture = self.frames.picture()
+        self._waiting.append(self._thread.submit(self._encode, picture, record))
 
     def finish(self) -> None:
         """Wait until every frame is encoded, and finish the file; may be called twice."""

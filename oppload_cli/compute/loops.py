@@ -77,7 +77,6 @@ _SIGNATURES = {
     "rmo_sums": "ppi dd d pp",
 }
 
-_Byte = ctypes.c_char
 _STAGES = 1, 1, 2  # number of parts in which E, I by P(t-1) and I by P(t-2) are summed
 _MOST_PATHWAYS = 4
 _CHANNELS = 4  # values averaged over a cell: flow x and y, change, and one that is not used
@@ -260,7 +259,7 @@ def _leave_out_moving(
     maps: Sequence[Floats], change: Floats, border: int, least: float, share: float
 ) -> None:
     line, pixel = (stride // change.itemsize for stride in change.strides)
-    first, *firsts = (int(each.__array_interface__["data"][0]) for each in (change, *maps))
+    first, *firsts = map(_address, (change, *maps))
     _library().leave_out_moving(first, *change.shape, border, line, pixel, least, share, *firsts)
 
 
@@ -311,23 +310,17 @@ def _rmo_sums(
 
 
 _TWINS: dict[str, Callable[..., Any]] = {
-    "presynaptic_sums": _presynaptic_sums,
-    "group": _group,
-    "pool": _pool,
-    "opponent_products": _opponent_products,
-    "leave_out_moving": _leave_out_moving,
-    "reduce": _reduce,
-    "sample": _sample,
-    "rmo_sums": _rmo_sums,
+    twin.__name__.removeprefix("_"): twin
+    for twin in (
+        *(_presynaptic_sums, _group, _pool, _opponent_products, _leave_out_moving),
+        *(_reduce, _sample, _rmo_sums),
+    )
 }
 
 
 def _address(array: NDArray[Any]) -> int:
     """Return the address of the first value of an array; the caller must keep the array."""
-    try:  # this takes half the time of the array interface; a frame needs about 40 addresses
-        return ctypes.addressof(_Byte.from_buffer(array.data))
-    except (TypeError, ValueError):  # not contiguous, or for reading only
-        return int(array.__array_interface__["data"][0])
+    return int(array.__array_interface__["data"][0])
 
 
 def _addresses(maps: Floats) -> list[int]:

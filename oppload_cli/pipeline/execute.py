@@ -301,21 +301,18 @@ class _Run:
         finally:  # if the user stops a live input, a thread still decodes and counts
             self._decode = copy(self.video.decode)
         if self.frames == 0 and self._task.span != Span():
+            count, rate = self._decode.decoded, self.video.facts.frame_rate
+            count = max(count, self.video.facts.frames_declared or 0)
+            seconds = f"{float(count / rate):.2f} s, " if rate else ""
             raise ParameterError(
                 f"{self._task.name}: has no frame in the part that --start, --end and --duration "
-                f"leave; {self._length()}"
+                f"leave; it has {seconds}{counted(count, 'frame')}"
             )
         if self.frames == 0 and self._decode.decoded:
             raise SourceError(
                 f"{self._task.name}: has no frame left, as an open video gives each frame of its "
                 "span once; open it again"
             )
-
-    def _length(self) -> str:
-        facts, decoded = self.video.facts, self._decode.decoded
-        count = max(decoded, facts.frames_declared or 0)
-        seconds = f"{float(count / facts.frame_rate):.2f} s, " if facts.frame_rate else ""
-        return f"it has {seconds}{counted(count, 'frame')}"
 
     @property
     def _wall_s(self) -> float:
@@ -473,7 +470,7 @@ class _Run:
             "stimulus": self._stimulus,
             "wall_s": round(wall_s, 3),
             "frames_per_s": round(self.frames / wall_s, 1) if wall_s else None,
-            "summary": {name: summary.as_dict() for name, summary in self._summaries.items()},
+            "summary": {name: asdict(each) for name, each in self._summaries.items()},
             "alarms": {name: each.verdict.as_dict() for name, each in self._alarms.items()},
         }
 

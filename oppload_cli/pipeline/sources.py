@@ -141,8 +141,14 @@ class _ArrayVideo(_Drawn):
             self._frames = np.asarray(frames)
         except ValueError as error:
             raise SourceError("array: its frames differ in shape; give them one shape") from error
-        _check_frames(self._frames)
-        count, rows, columns = self._frames.shape[:3]
+        shape = self._frames.shape
+        if not (len(shape) == 3 or (len(shape) == 4 and shape[3] == 3)) or 0 in shape:
+            raise SourceError(
+                f"array: its shape is {shape}; give (frames, height, width), or with a last axis "
+                "of red, green and blue"
+            )
+        _check_type(self._frames)
+        count, rows, columns = shape[:3]
         declared = checked_rate(rate)
         if times is not None:
             self._times_s = _checked_times(times, count)
@@ -215,16 +221,6 @@ def _checked_times(times: Times, count: int) -> list[float]:
             f"{before:g} s; put them right, or give a rate"
         )
     return [float(value) for value in values]
-
-
-def _check_frames(frames: Frames) -> None:
-    colour = frames.ndim == 4 and frames.shape[3] == 3
-    if not (frames.ndim == 3 or colour) or 0 in frames.shape:
-        raise SourceError(
-            f"array: its shape is {frames.shape}; give (frames, height, width), or with a last "
-            "axis of red, green and blue"
-        )
-    _check_type(frames)
 
 
 def _check_type(frames: Frames) -> None:

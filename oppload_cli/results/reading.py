@@ -370,16 +370,13 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
         parts = [part for part in path.parts if part not in {path.anchor, ".."}]
         places = [Path(moved, *parts[at:]) for at in range(len(parts) + 1)]
     for place in places:
-        if is_file(place) or (kind == "images" and _holds_images(place)):
+        folder = place.parent if NUMBER.search(place.name) else place
+        if is_file(place) or (kind == "images" and (is_folder(place) or is_folder(folder))):
             return f"./{place}" if is_camera(str(place)) else str(place)
     where = f" below {moved}" if moved else ""
     raise SourceError(
         f"{name}: is not found{where}; say where it is with --video (in Python video=PATH)"
     )
-
-
-def _holds_images(path: Path) -> bool:
-    return is_folder(path) or bool(NUMBER.search(path.name) and is_folder(path.parent))
 
 
 def known_threshold(result: BaseResult, name: str) -> Series | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.files.atomic import PartFile, output_errors, write_atomic
@@ -200,10 +200,6 @@ class ModelSummary:
             self.alarm_frames += 1
             if self.first_alarm_frame is None:
                 self.first_alarm_frame, self.first_alarm_time_s = record.frame, record.time_s
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the summary ready for JSON."""
-        return asdict(self)
 
 
 SCHEMA = "oppload.result/2"

@@ -85,20 +85,14 @@ def declared_frames(stream: VideoStream) -> int | None:
     if kind.startswith("mov") and len(entries):
         return sum(not entry.is_discard for entry in entries)
     if kind == "avi":
-        return _declared_by_avi(stream)
+        ticks = _ticks_per_frame(stream)
+        # The index of a truncated file is missing, or FFmpeg made it from the frames read so far.
+        if len(entries) and entries[-1].timestamp + 2 * ticks >= stream.frames:
+            return len(entries)
+        return None if stream.frames >= _AVI_TO_A_PIPE else -(-stream.frames // ticks) or None
     if kind == "mxf" and stream.time_base == 1 / (declared_rate(stream) or 1):
         return stream.duration
     return (stream.frames or None) if kind.startswith(("mov", "gif", "apng")) else None
-
-
-def _declared_by_avi(stream: VideoStream) -> int | None:
-    entries, ticks = stream.index_entries, _ticks_per_frame(stream)
-    # The index of a truncated file is missing, or FFmpeg made it from the frames read so far.
-    if len(entries) and entries[-1].timestamp + 2 * ticks >= stream.frames:
-        return len(entries)
-    if stream.frames >= _AVI_TO_A_PIPE:
-        return None
-    return -(-stream.frames // ticks) or None
 
 
 def declared_end(container: InputContainer, stream: VideoStream) -> float | None:

@@ -1,7 +1,4 @@
-"""Takes the luma of decoded frames, as they are coded, and resizes it.
-
-The process that decodes imports this module with PyAV. Only rare kinds of frames need OpenCV.
-"""
+"""Takes the luma of decoded frames, as they are coded, and resizes it."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import av
+import cv2
 import numpy as np
 from av.video.reformatter import ColorRange, Interpolation, VideoReformatter
 
@@ -59,8 +57,6 @@ def resized(picture: Plane, size: tuple[int, int]) -> Plane:
     """Return a plane or a colour picture at a size (width, height); OpenCV resizes it if needed."""
     if (picture.shape[1], picture.shape[0]) == size:
         return picture
-    import cv2
-
     shrinks = size[0] <= picture.shape[1] and size[1] <= picture.shape[0]
     method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(picture, size, interpolation=method), picture.dtype)
@@ -124,8 +120,6 @@ def is_transparent(frame: VideoFrame) -> bool:
 
 
 def _grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:
-    import cv2
-
     try:
         return np.asarray(cv2.cvtColor(colour, getattr(cv2, f"COLOR_{order}2GRAY")), np.uint8)
     except cv2.error as error:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from oppload_cli import DlgmdResponse, FrameRecord
 from oppload_cli.detection.places import Detection
 from oppload_cli.models.detector import Box, Response
@@ -16,7 +18,7 @@ def test_summary_of_a_run() -> None:
     responses = [None, 0.0, 0.5, 2.0, 2.0, 1.0]
     for frame, response in enumerate(responses):
         summary.add(record(frame, response, alarm=frame in (3, 4)), "dlgmd")
-    assert summary.as_dict() == {
+    assert asdict(summary) == {
         "frames": 5,
         "peak": 2.0,
         "peak_frame": 3,
