@@ -76,7 +76,6 @@ class _LazyGroup(click.Group):
     """A group that imports a command's module when the command is called."""
 
     def invoke(self, ctx: click.Context) -> object:
-        """Call the command."""
         try:
             return super().invoke(ctx)
         except BrokenPipeError as error:
@@ -87,7 +86,6 @@ class _LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command, or None if none has that name."""
         if cmd_name not in COMMANDS:
             return None
         _check_memory(cmd_name)
@@ -290,7 +288,6 @@ def _explained(error: BaseException) -> BaseException:
 
 
 def _is_nowhere() -> bool:
-    """Return whether the current folder was removed."""
     try:
         Path.cwd()
     except FileNotFoundError:

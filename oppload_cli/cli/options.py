@@ -43,7 +43,6 @@ class _ResultsFolder(click.Path):
         self._streams = streams
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the folder as a path."""
         folder = Path(str(super().convert(value, param, ctx)))
         if value == "-" and not self._streams:
             self.fail(

@@ -320,7 +320,6 @@ class _Batch:
         self.frames = self._progress.frames
 
     def ended(self, task: Task, result: Outcome | Failure) -> None:
-        """Count the outcome of a task, and print it."""
         self._tally.add(task.name, result)
         self._progress.ended(task.name, self._lines(task, result))
 

@@ -324,7 +324,6 @@ def _address(array: NDArray[Any]) -> int:
 
 
 def _addresses(maps: Floats) -> list[int]:
-    """Return the address of each map of a contiguous array."""
     first, size = _address(maps), maps[0].nbytes
     return [first + size * number for number in range(len(maps))]
 

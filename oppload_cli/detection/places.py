@@ -329,7 +329,17 @@ class Detections:
 
     def step(self, maps: UnitMaps, luma: Map, time_s: float) -> tuple[Detection, ...]:
         """Find the objects of the latest frame, as :meth:`Places.step` does; without alarms."""
-        return tuple(self._detection(track) for track in self._places.step(maps, luma, time_s))
+        return tuple(
+            Detection(
+                track.identity,
+                *self._in_source(track.x, track.y, track.extent.x, track.extent.y),
+                track.response,
+                alarm=False,
+                time_to_contact_s=track.time_to_contact_s,
+                time_to_contact_error_s=track.time_to_contact_error_s,
+            )
+            for track in self._places.step(maps, luma, time_s)
+        )
 
     def with_alarm(
         self, found: Sequence[Detection], *, alarm: bool, threshold: float
@@ -358,28 +368,16 @@ class Detections:
         if response.box is None:
             return ()
         box = response.box
-        source, centre = self._in_source(*box.centre, box.width / 2, box.height / 2)
-        return (Detection(1, source, *centre, response.response, False, None),)
-
-    def _detection(self, track: Track) -> Detection:
-        box, centre = self._in_source(track.x, track.y, track.extent.x, track.extent.y)
-        return Detection(
-            track.identity,
-            box,
-            *centre,
-            track.response,
-            alarm=False,
-            time_to_contact_s=track.time_to_contact_s,
-            time_to_contact_error_s=track.time_to_contact_error_s,
-        )
+        place = self._in_source(*box.centre, box.width / 2, box.height / 2)
+        return (Detection(1, *place, response.response, False, None),)
 
     def _in_source(
         self, x: float, y: float, half_width: float, half_height: float
-    ) -> tuple[Box, tuple[float, float]]:
+    ) -> tuple[Box, float, float]:
         """Return a box cut to the frame, and its centre before the cut, in source pixels."""
         scale_x, scale_y = self._working.scale_x, self._working.scale_y
         left, top = max(0.0, x - half_width), max(0.0, y - half_height)
         right = min(float(self._working.width), x + half_width)
         bottom = min(float(self._working.height), y + half_height)
         size = (right - left) * scale_x, (bottom - top) * scale_y
-        return Box(left * scale_x, top * scale_y, *size), (x * scale_x, y * scale_y)
+        return Box(left * scale_x, top * scale_y, *size), x * scale_x, y * scale_y

@@ -265,7 +265,6 @@ class _Run:
 
     @property
     def columns(self) -> list[str]:
-        """Names of the table's columns."""
         settings = self._settings
         columns = columns_for(
             settings.models,
@@ -277,7 +276,6 @@ class _Run:
         return [column.name for column in columns]
 
     def analyse(self, frames: FrameSource, write: Callable[[FrameRecord], object]) -> None:
-        """Analyse every frame, and call `write` with its record."""
         settings = self._settings
         records = analyse(
             frames,
@@ -319,7 +317,6 @@ class _Run:
         return time.perf_counter() - self._started
 
     def outcome(self) -> Outcome:
-        """Return the outcome of the pass."""
         decode = self._decode
         return Outcome(
             complete=decode.complete,

@@ -368,7 +368,9 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _settings_of_sidecar(path: Path) -> dict[str, Any]:
     with reading(path, ParameterError, form="JSON", check="check --config"):
-        content = json.loads(text_of(path), object_hook=_without_nulls)
+        content = json.loads(
+            text_of(path), object_hook=lambda one: {k: v for k, v in one.items() if v is not None}
+        )
     sets = content.get("parameters") if isinstance(content, dict) else None
     if not isinstance(sets, dict) or content.get("schema") not in _SIDECARS:
         raise ParameterError(
@@ -380,10 +382,6 @@ def _settings_of_sidecar(path: Path) -> dict[str, Any]:
     if isinstance(view, dict) and view.get("origin") == FOV:
         top["fov"] = view.get("horizontal_deg")
     return {"height": NATIVE, **top, **sets}  # a sidecar has null for the native height
-
-
-def _without_nulls(table: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in table.items() if value is not None}
 
 
 def _preset_of_file(content: Mapping[str, Any], source: str, usual: str) -> Preset:

@@ -148,7 +148,6 @@ def described(parameter: str) -> str:
 
 @cache
 def _units() -> dict[str, str]:
-    """Return the units of the keys of a protocol."""
     return {each.name: each.unit for each in _declared(Protocol) if each.unit}
 
 

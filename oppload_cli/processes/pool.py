@@ -125,7 +125,6 @@ class _Workers:
                 yield from self._heard(cast("Connection", ready))
 
     def terminate(self) -> None:
-        """Ask every process to stop."""
         for process in self._processes:
             process.terminate()
 

@@ -73,7 +73,6 @@ class _Tunings:
     settings: Settings
 
     def peaks(self, width: int) -> dict[int, float]:
-        """Return the peak by axis in degrees."""
         return {axis: each.largest for axis, each in self.bars[width].items()}
 
     def over_loom(self, width: int) -> dict[int, float]:

@@ -69,7 +69,6 @@ class ChangeDetector(Detector):
         return self._respond(np.asarray(cv2.subtract(now, before, dtype=depth)))
 
     def _first_response(self) -> Response | None:
-        """Return the response to frame 0."""
         return None if self.warm_up else self.responses(0.0)
 
     def _zeros(self) -> Plane:
