@@ -13,15 +13,15 @@ import numpy as np
 
 from oppload_cli.models.registry import detector_named
 from oppload_cli.palette import FAINT, INK, bgr, ink_of, ink_on
-from oppload_cli.video.colour import LONGEST_SIDE, colour_size
+from oppload_cli.video.writers import LONGEST_SIDE, colour_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from oppload_cli.detection.places import Detection
     from oppload_cli.results.table import FrameRecord
-    from oppload_cli.video.colour import Bgr
     from oppload_cli.video.frames import InputFacts
+    from oppload_cli.video.writers import Bgr
 
 
 _Paint = tuple[int, int, int]  # blue, green, red

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.results.table import FrameRecord
-    from oppload_cli.video.colour import Bgr
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video
+    from oppload_cli.video.writers import Bgr
 
 
 _AHEAD = 4  # frames that wait to be encoded

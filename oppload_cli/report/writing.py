@@ -38,10 +38,9 @@ from oppload_cli.results.reading import (
     title_and_input,
 )
 from oppload_cli.version import __version__
-from oppload_cli.video.colour import Colour, colour_size
 from oppload_cli.video.inputs import REPORTED, Position, Span
 from oppload_cli.video.source import source_of, stop
-from oppload_cli.video.writers import Recording
+from oppload_cli.video.writers import Colour, Recording, colour_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

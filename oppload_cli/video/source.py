@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from fractions import Fraction
 
-    from oppload_cli.video.colour import Colour
     from oppload_cli.video.frames import DecodeFacts, InputFacts, PictureSource
+    from oppload_cli.video.writers import Colour
 
 
 _DEFAULT_HEIGHT = 240
@@ -81,7 +81,7 @@ class Video:
         self._luminance = Luminance(self.working, source.facts)
         self._colour: Colour | None = None
         if colour:
-            from oppload_cli.video.colour import Colour  # only for annotated videos
+            from oppload_cli.video.writers import Colour  # only for annotated videos
 
             self._colour = Colour(source.facts)
 

@@ -1,4 +1,4 @@
-"""Writes videos: H.264 in colour for browsers, and grey videos in several formats.
+"""Makes colour pictures of frames, and writes videos: colour for browsers, grey in several formats.
 
 The same frames always give the same bytes.
 """
@@ -16,20 +16,23 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import av
+import cv2
 import numpy as np
 from av.video.reformatter import (
     ColorPrimaries,
     ColorRange,
     Colorspace,
     ColorTrc,
+    Interpolation,
     VideoReformatter,
 )
 from PIL import Image
 
 from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile, PartFolder
-from oppload_cli.video.colour import as_yuv420p
-from oppload_cli.video.frames import USUAL_RATE
+from oppload_cli.video.frames import USUAL_RATE, turned
+from oppload_cli.video.luminance import as_displayed, luminance_table
+from oppload_cli.video.planes import convertible, resized
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -38,8 +41,97 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Grey = NDArray[np.uint8]
+    from oppload_cli.video.frames import InputFacts, Picture
 
+    Grey = NDArray[np.uint8]
+    Bgr = NDArray[np.uint8]  # rows x columns x 3: blue, green, red
+
+
+# ---- Colour pictures, as they are displayed ------------------------------------------------
+
+LONGEST_SIDE = 1920  # px; larger pictures are reduced
+_EXACT_SCALING = Interpolation.BILINEAR | Interpolation.ACCURATE_RND | Interpolation.BITEXACT
+_UNSPECIFIED = 2  # AVCOL_SPC_UNSPECIFIED
+_STANDARD_LINES = 576  # pictures with more lines that state no colour space use BT.709
+
+
+def colour_size(facts: InputFacts, longest: int = LONGEST_SIDE) -> tuple[int, int]:
+    """Return width and height of an input's colour pictures: no side is above `longest` px."""
+    scale = min(1.0, longest / max(facts.width, facts.height))
+    return max(1, round(facts.width * scale)), max(1, round(facts.height * scale))
+
+
+def _as_yuv420p(
+    frame: av.VideoFrame,
+    converter: VideoReformatter,
+    size: tuple[int | None, int | None] = (None, None),
+    colour_space: int | None = None,
+) -> av.VideoFrame:
+    """Return a frame in the format that the H.264 encoder takes: yuv420p, BT.709, limited range.
+
+    `converter` keeps its tables for the next frame of the same size. If left out, `size` (width and
+    height) is that of `frame`, and `colour_space` the one that `frame` states.
+    """
+    return converter.reformat(
+        frame, *size, "yuv420p", colour_space, Colorspace.ITU709,
+        dst_color_range=ColorRange.MPEG, interpolation=_EXACT_SCALING, threads=1,
+    )  # fmt: skip
+
+
+class Colour:
+    """Makes the colour pictures of one input, all of the same size.
+
+    `size` is the width and height of the pictures; that of :func:`colour_size` if left out.
+    """
+
+    def __init__(self, facts: InputFacts, size: tuple[int, int] | None = None) -> None:
+        self._facts = facts
+        self._coded = turned(*(size or colour_size(facts)), facts.rotation)
+        self._converter = VideoReformatter()
+
+    def __call__(self, picture: Picture) -> Bgr:
+        """Return the displayed picture: uint8, shape (height, width, 3), blue, green and red.
+
+        It is grey if the source is grey, or if a damaged colour space cannot be converted.
+        """
+        return as_displayed(self._converted(picture), self._facts)
+
+    def planes(self, picture: Picture) -> av.VideoFrame:
+        """Return a picture in the format that the H.264 encoder takes.
+
+        A picture that need not be mirrored or turned is scaled in its own planes, which takes a
+        quarter of the time.
+        """
+        original, facts = picture.original, self._facts
+        if isinstance(original, av.VideoFrame) and not (facts.mirrored or facts.rotation):
+            with suppress(av.error.FFmpegError, ValueError):
+                space = self._assumed(original)
+                return _as_yuv420p(original, self._converter, self._coded, space)
+        return _as_yuv420p(av.VideoFrame.from_ndarray(self(picture), "bgr24"), self._converter)
+
+    def _converted(self, picture: Picture) -> Bgr:
+        original = picture.original
+        if isinstance(original, np.ndarray):
+            return resized(original, self._coded)
+        if original is not None and not original.format.name.startswith("gray"):
+            with suppress(av.error.FFmpegError, ValueError):
+                space = self._assumed(original)
+                frame = convertible(original)
+                converted = self._converter.reformat(
+                    frame, *self._coded, "bgr24", space, interpolation=_EXACT_SCALING, threads=1
+                )
+                return np.asarray(converted.to_ndarray(), np.uint8)
+        table = np.rint(luminance_table(picture.bits, picture.full_range) * 255).astype(np.uint8)
+        grey = np.asarray(cv2.cvtColor(table[picture.plane], cv2.COLOR_GRAY2BGR))
+        return resized(grey, self._coded)
+
+    def _assumed(self, frame: av.VideoFrame) -> int | None:
+        """Return the colour space to assume for a frame; None: use the one that it states."""
+        large = min(frame.width, frame.height) > _STANDARD_LINES
+        return Colorspace.ITU709 if large and frame.colorspace == _UNSPECIFIED else None
+
+
+# ---- Encoding ------------------------------------------------------------------------------
 
 # Without this option x264 chooses algorithms by the processor, so that the bytes differ.
 ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
@@ -223,14 +315,14 @@ class Recording(_Encoder):
         """Write the next frame; return its presentation time in the file, in seconds.
 
         `picture` has blue, green and red, uint8 of shape (height, width, 3), or is the frame of
-        :meth:`oppload_cli.video.colour.Colour.planes`. The first frame's time becomes 0. A frame
+        :meth:`Colour.planes`. The first frame's time becomes 0. A frame
         whose time is not later than that of the frame before follows one tick after the frame
         before. If the clock jumps (back by a second, or on by a quarter of an hour), the frame
         follows one frame duration after the frame before.
         """
         frame = picture
         if not isinstance(frame, av.VideoFrame):
-            frame = as_yuv420p(av.VideoFrame.from_ndarray(frame, "bgr24"), self._converter)
+            frame = _as_yuv420p(av.VideoFrame.from_ndarray(frame, "bgr24"), self._converter)
         last_s = self._last / self._hz
         if self.frames == 0:
             self._origin_s = time_s

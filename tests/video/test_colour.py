@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.video.colour import Colour, colour_size
 from oppload_cli.video.frames import InputFacts, Picture
 from oppload_cli.video.source import open_video
+from oppload_cli.video.writers import Colour, colour_size
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
