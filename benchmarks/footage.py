@@ -31,7 +31,8 @@ import av
 import cv2
 import numpy as np
 
-from oppload_cli.detection.parameters import alarm_params, place_params
+from oppload_cli.detection.alarm import alarm_params
+from oppload_cli.detection.growth import place_params
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.repeats import NEAR, Repeat, RepeatParams, Repeats

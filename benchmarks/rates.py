@@ -30,7 +30,8 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import cv2
 import numpy as np
 
-from oppload_cli.detection.parameters import alarm_params, place_params
+from oppload_cli.detection.alarm import alarm_params
+from oppload_cli.detection.growth import place_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
 from oppload_cli.evaluation.evaluate import outputs_of
 from oppload_cli.evaluation.manifest import Entry, read_manifest

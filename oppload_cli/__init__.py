@@ -19,8 +19,8 @@ from oppload_cli.version import __version__
 if TYPE_CHECKING:
     from oppload_cli import stimulus
     from oppload_cli.api import Result, read_result, run
-    from oppload_cli.detection.alarm import Alarm
-    from oppload_cli.detection.parameters import AlarmParams, PlaceParams, alarm_params
+    from oppload_cli.detection.alarm import Alarm, AlarmParams, alarm_params
+    from oppload_cli.detection.growth import PlaceParams
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
     from oppload_cli.models.bank import DetectorBank
@@ -61,8 +61,8 @@ __all__ = [
 
 _MODULES = {
     "api": ("Result", "read_result", "run"),
-    "detection.alarm": ("Alarm",),
-    "detection.parameters": ("AlarmParams", "PlaceParams", "alarm_params"),
+    "detection.alarm": ("Alarm", "AlarmParams", "alarm_params"),
+    "detection.growth": ("PlaceParams",),
     "detection.places": ("Detection",),
     "errors": ("OpploadError",),
     "models.bank": ("DetectorBank",),

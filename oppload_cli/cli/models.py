@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 
 from oppload_cli.cli import options
-from oppload_cli.detection.parameters import alarm_params, place_params
+from oppload_cli.detection.alarm import alarm_params
+from oppload_cli.detection.growth import place_params
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, detectors, parameters_of

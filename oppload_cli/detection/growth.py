@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import cv2
 import numpy as np
 
 from oppload_cli.models.dpc import smaller
+from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.timebase import ROUNDING_S
+from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from oppload_cli.detection.parameters import PlaceParams
     from oppload_cli.models.detector import UnitMaps
     from oppload_cli.models.dpc import Map
 
@@ -39,6 +41,65 @@ _TOO_FAR = 2.5  # contact times further from the mean, in standard deviations, a
 _PRIOR = _NOISE**2 * np.eye(4)  # keeps a, b, k or w small if the frame does not determine it
 _BEYOND = -1e3  # value of samples outside the frame; luminance is at least 0
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceParams(Parameters):
+    """Parameters of looming objects: their search, their identity and their time to contact.
+
+    Source: ``docs/explanation/boxes.md``.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> few = oppload.PlaceParams(most=1)
+    >>> records = oppload.analyse("controls/two-looming-disks", places=few, rmo=False)
+    >>> max(len(record.detections) for record in records)
+    1
+    """
+
+    _set: ClassVar[str] = "places"
+
+    floor: float = parameter(1e-3, "least response of an object", low=0, high=1e9)
+    share: float = parameter(
+        0.01,
+        "least response of an object, as a share of the largest response of the frame",
+        low=0,
+        high=1,
+    )
+    most: int = parameter(
+        5, "largest number of objects in a frame", unit="objects", low=1, high=100
+    )
+    gap_s: float = parameter(
+        0.2, "time for which an object keeps its number without being seen", low=0, high=60
+    )
+    memory_s: float = parameter(
+        0.4, "time over which the growth of an object is measured", low=0.01, high=60
+    )
+    least_frames: int = parameter(
+        4,
+        "least number of measured growths for a time to contact; one less if the error of a single "
+        "growth is below half of largest_error",
+        unit="growths",
+        low=3,
+        high=1000,
+    )
+    least_s: float = parameter(0.118, "least time over which these growths extend", low=0, high=60)
+    least_growth: float = parameter(
+        1.15, "least total growth of the size for a time to contact, as a factor", low=1, high=100
+    )
+    largest_error: float = parameter(
+        0.2, "largest standard error of a time to contact, as a share of it", low=0.001, high=10
+    )
+
+
+# Responses under these presets are on another scale than those under preset default.
+_PLACES = dict.fromkeys(("reference", "paper"), PlaceParams(floor=1e-6))
+
+
+def place_params(preset: str = DEFAULT_PRESET) -> PlaceParams:
+    """Return the parameters of the looming objects under a preset."""
+    return _PLACES.get(preset, PlaceParams())
 
 
 class Extent(NamedTuple):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.detection.parameters import PlaceParams
+    from oppload_cli.detection.growth import PlaceParams
     from oppload_cli.models.detector import Response, UnitMaps
     from oppload_cli.models.dpc import Map
     from oppload_cli.video.frames import WorkingSize

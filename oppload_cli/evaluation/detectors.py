@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from oppload_cli.detection.parameters import AlarmParams
+    from oppload_cli.detection.alarm import AlarmParams
     from oppload_cli.schema import Parameters
 
 _USUAL_PRESETS = (DEFAULT_PRESET, "reference")

@@ -11,12 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from oppload_cli.detection.parameters import (
-    AlarmParams,
-    PlaceParams,
-    alarm_params_with,
-    place_params,
-)
+from oppload_cli.detection.alarm import AlarmParams, alarm_params_with
+from oppload_cli.detection.growth import PlaceParams, place_params
 from oppload_cli.errors import FrameError, ParameterError, counted
 from oppload_cli.models.detector import checked_shape
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, parse_height, preset_named

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from oppload_cli.detection.alarm import Alarm
-from oppload_cli.detection.parameters import AlarmParams, alarm_params
+from oppload_cli.detection.alarm import Alarm, AlarmParams, alarm_params
 from oppload_cli.errors import OpploadError, ResultError, SourceError, counted
 from oppload_cli.files.atomic import PART, part_of
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of

@@ -24,7 +24,7 @@ from oppload_cli.benchmark.battery import (
     show,
 )
 from oppload_cli.benchmark.output import Benchmark, _drawn, _limits
-from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.errors import ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors
 from oppload_cli.files.atomic import claimed

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.video.frames import Frame, InputFacts, WorkingSize

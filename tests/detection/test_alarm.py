@@ -8,8 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from oppload_cli.detection.alarm import Alarm, _Steps
-from oppload_cli.detection.parameters import AlarmParams, alarm_params
+from oppload_cli.detection.alarm import Alarm, AlarmParams, _Steps, alarm_params
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import alarm_floor_of, detectors

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import open_video, stimulus
-from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.detection.growth import Contact, Growth
-from oppload_cli.detection.parameters import PlaceParams
+from oppload_cli.detection.growth import Contact, Growth, PlaceParams
 from tests.detection.showing import LENGTH, SIZE, approaching, remaining, shown
 from tests.media import disk
 from tests.presets import PLACES

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.detection.alarm import Cuts
-from oppload_cli.detection.parameters import AlarmParams, alarm_params
+from oppload_cli.detection.alarm import AlarmParams, Cuts, alarm_params
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import open_source

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.detection import places as module
-from oppload_cli.detection.growth import Extent, Growth, Products
-from oppload_cli.detection.parameters import PlaceParams
+from oppload_cli.detection.growth import Extent, Growth, PlaceParams, Products
 from oppload_cli.detection.places import Places, _focus, _peaks
 from oppload_cli.models.detector import UnitMaps
 

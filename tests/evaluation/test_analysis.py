@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli import DlgmdParams, OpplodResponse, analyse, open_video
-from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
 from oppload_cli.evaluation.evaluate import _groups, analyse_clips
 from oppload_cli.evaluation.manifest import Entry

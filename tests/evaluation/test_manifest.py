@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.errors import ManifestError, ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors, evaluated_detectors
 from oppload_cli.evaluation.inputs import clips_of

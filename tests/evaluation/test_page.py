@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector
 from oppload_cli.evaluation.evaluate import Evaluation
 from oppload_cli.evaluation.manifest import Entry, Manifest

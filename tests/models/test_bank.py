@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.errors import DetectorError, FrameError, ParameterError
 from oppload_cli.models import registry
 from oppload_cli.models.bank import DetectorBank

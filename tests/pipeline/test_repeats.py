@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import open_video
-from oppload_cli.detection.parameters import AlarmParams
+from oppload_cli.detection.alarm import AlarmParams
 from oppload_cli.models.timebase import TimeParams
 from oppload_cli.pipeline.one_pass import PassParams, Preparation
 from oppload_cli.pipeline.repeats import (
