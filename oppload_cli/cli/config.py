@@ -10,6 +10,7 @@ import click
 from oppload_cli.cli import options
 from oppload_cli.errors import printable
 from oppload_cli.models.presets import NATIVE
+from oppload_cli.pipeline.settings import resolve
 from oppload_cli.schema import AUTO
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ def config(**chosen: Any) -> None:
 
     If you save the output to a file, --config reads the settings from it.
     """
-    from oppload_cli.pipeline.settings import resolve
-
     for line in _lines(resolve(**chosen).with_all_detectors()):
         click.echo(printable(line))
 

@@ -25,6 +25,7 @@ from oppload_cli.batch.plan import (
     read_list,
     write_failures,
 )
+from oppload_cli.batch.tasks import run_tasks
 from oppload_cli.cli import say
 from oppload_cli.cli.options import RunOptions, check_assignments, check_models
 from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, faults, outcome_lines
@@ -328,8 +329,6 @@ class _Batch:
 
         If an input fails, the others still run.
         """
-        from oppload_cli.batch.tasks import run_tasks  # which a run of one input does not need
-
         options, inputs = self._options, len(self._plan.inputs)
         try:
             run_tasks(tasks, self, inputs=inputs, jobs=options.jobs, scheduler=options.scheduler)

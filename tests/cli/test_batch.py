@@ -424,7 +424,7 @@ def test_the_advice_after_an_interruption_suits_the_command(
     def interrupted(*_arguments: object, **_options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("oppload_cli.batch.tasks.run_tasks", interrupted)
+    monkeypatch.setattr("oppload_cli.cli.running.run_tasks", interrupted)
     for name in ("a.avi", "b.avi"):
         (tmp_path / name).touch()
     done = oppload("run", tmp_path, "-o", tmp_path, "--if-exists", if_exists)
