@@ -120,10 +120,7 @@ def is_transparent(frame: VideoFrame) -> bool:
 
 
 def _grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:
-    try:
-        return np.asarray(cv2.cvtColor(colour, getattr(cv2, f"COLOR_{order}2GRAY")), np.uint8)
-    except cv2.error as error:
-        raise ValueError(str(error)) from error
+    return np.asarray(cv2.cvtColor(colour, getattr(cv2, f"COLOR_{order}2GRAY")), np.uint8)
 
 
 def _view(frame: VideoFrame, bits: int, *, big_endian: bool) -> NDArray[Any]:

@@ -8,12 +8,13 @@ from itertools import accumulate, cycle, islice
 from typing import TYPE_CHECKING, Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 from av.bitstream import BitStreamFilterContext
 from PIL import Image
 
-from oppload_cli.errors import ParameterError, SourceError
+from oppload_cli.errors import ParameterError, SourceError, shortage
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
@@ -83,6 +84,20 @@ def test_rgb_becomes_grey_by_rec_601(tmp_path: Path) -> None:
     [frame] = frames_of(path, height=None)
     grey = round(0.299 * 200 + 0.587 * 100 + 0.114 * 50)
     np.testing.assert_allclose(frame.luma, grey / 255, atol=1e-7)
+
+
+def test_a_shortage_of_memory_is_no_damage_of_a_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise cv2.error("OpenCV: error: (-4:Insufficient memory) Failed to allocate 9 bytes")
+
+    colour = np.zeros((48, 64, 3), np.uint8)
+    path = write_video(tmp_path / "a.mkv", [colour], pixel_format="bgr0", source_format="rgb24")
+    monkeypatch.setattr(cv2, "cvtColor", refuse)
+    with pytest.raises(cv2.error) as raised:
+        frames_of(path)
+    assert "memory is short" in shortage(raised.value)
 
 
 @pytest.mark.parametrize("opacity", [255, 250])
