@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     Returned = TypeVar("Returned")
 
     Floats = NDArray[np.float32]
-    Grey = NDArray[np.uint8]
     Kernel = NDArray[np.float64]
     Points = NDArray[np.float64]
 
@@ -72,14 +71,11 @@ _SIGNATURES = {
     "pool": "pii pi pi pp",
     "opponent_products": "pp iii pi p",
     "leave_out_moving": "piii nn ff pppp",
-    "reduce": "pn iii pp",
-    "sample": "ppp iiiii dddd pppp",
     "rmo_sums": "ppi dd d pp",
 }
 
 _STAGES = 1, 1, 2  # number of parts in which E, I by P(t-1) and I by P(t-2) are summed
 _MOST_PATHWAYS = 4
-_CHANNELS = 4  # values averaged over a cell: flow x and y, change, and one that is not used
 _ZEROS = 8  # number of zeros after each row of cells
 _LANES = 4  # doubles in a vector of rmo.c
 
@@ -263,37 +259,6 @@ def _leave_out_moving(
     _library().leave_out_moving(first, *change.shape, border, line, pixel, least, share, *firsts)
 
 
-def _reduce(frame: Grey, reduction: int) -> Grey:
-    if reduction == 1:
-        return frame.copy()
-    rows, columns = frame.shape[0] // reduction, frame.shape[1] // reduction
-    out = np.empty((rows, columns), np.uint8)
-    line = np.empty(reduction * columns, np.uint16)
-    shape = reduction, rows, columns
-    _library().reduce(_address(frame), frame.strides[0], *shape, _address(out), _address(line))
-    return out
-
-
-def _sample(
-    before: Grey,
-    now: Grey,
-    flow: NDArray[np.float32],
-    cells: tuple[int, int, int, int, int],
-    least: tuple[float, float],
-) -> tuple[Points, Points]:
-    rows, columns = now.shape
-    cell_rows, cell_columns, *_ = cells
-    starts, vectors = np.empty((2, cell_rows * cell_columns, 2))
-    shares = np.empty((2 * (rows + columns + cell_rows + cell_columns), 2))
-    means = np.empty((2 * cell_columns, _CHANNELS), np.float32)
-    kept = _library().sample(
-        *(_address(before), _address(now), _address(flow), rows, columns, *cells),
-        *(least[0], 255.0 * least[1]),
-        *(_address(starts), _address(vectors), _address(shares), _address(means)),
-    )
-    return starts[:kept], vectors[:kept]
-
-
 def _rmo_sums(
     starts: Points, vectors: Points, opposite_tolerance: float, outward_tolerance: float, sides: int
 ) -> tuple[int, float, float, float, float, int]:
@@ -311,10 +276,7 @@ def _rmo_sums(
 
 _TWINS: dict[str, Callable[..., Any]] = {
     twin.__name__.removeprefix("_"): twin
-    for twin in (
-        *(_presynaptic_sums, _group, _pool, _opponent_products, _leave_out_moving),
-        *(_reduce, _sample, _rmo_sums),
-    )
+    for twin in (_presynaptic_sums, _group, _pool, _opponent_products, _leave_out_moving, _rmo_sums)
 }
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.compute.loops import with_twin
 from oppload_cli.errors import FrameError
 from oppload_cli.motion.rmo import RmoMetrics, RmoParams, length, rmo_metrics
 
@@ -59,9 +58,8 @@ class Cells(NamedTuple):
     top: int
 
 
-@with_twin
-def reduce(frame: Grey, reduction: int) -> Grey:
-    """Return the means of squares of 1 x 1, 2 x 2 or 4 x 4 pixels, rounded as OpenCV rounds them.
+def _reduce(frame: Grey, reduction: int) -> Grey:
+    """Return the means of squares of 1 x 1, 2 x 2 or 4 x 4 pixels.
 
     The sides of the frame must be multiples of the squares' side. The frame may be a slice.
     """
@@ -77,32 +75,14 @@ def sampled(
     `before` and `now` are reduced frames, uint8, shape (h, w). `flow`, float32, shape (h, w, 2),
     is the motion (x, y) between them in their pixels. `params` has the minimum speed and change.
     """
-    sides = now.shape[0] / cells.rows, now.shape[1] / cells.columns  # of a cell, in samples
-    # The compiled loops round as OpenCV does, except for sides below one sample, and if both sides
-    # are integers. In these cases OpenCV computes the means.
-    rounds_alike = min(sides) >= 1 and not all(side.is_integer() for side in sides)
-    function = sample if rounds_alike else sample.__wrapped__  # type: ignore[attr-defined]
-    least = params.minimum_speed, params.minimum_change
-    return MotionVectors(*function(before, now, flow, cells, least))
-
-
-@with_twin
-def sample(
-    before: Grey, now: Grey, flow: NDArray[np.float32], cells: Cells, least: tuple[float, float]
-) -> tuple[Points, Points]:
-    """Return the starts and vectors of the cells that move and change enough.
-
-    The arguments are those of `sampled`; `least` holds the minimum speed and the minimum change.
-    """
     height, width = (side * cells.reduction for side in now.shape)
     x = (np.arange(cells.columns) + 0.5) * width / cells.columns - 0.5 + cells.left
     y = (np.arange(cells.rows) + 0.5) * height / cells.rows - 0.5 + cells.top
     starts = np.stack(np.meshgrid(x, y), axis=-1)
     vectors = _cell_means(flow, cells) * cells.reduction
     change = _cell_means(cv2.absdiff(before, now).astype(np.float32), cells)
-    minimum_speed, minimum_change = least
-    kept = (length(vectors) >= minimum_speed) & (change >= 255.0 * minimum_change)
-    return starts[kept], vectors[kept]
+    kept = (length(vectors) >= params.minimum_speed) & (change >= 255.0 * params.minimum_change)
+    return MotionVectors(starts[kept], vectors[kept])
 
 
 def _cell_means(image: NDArray[np.float32], cells: Cells) -> NDArray[np.float64]:
@@ -181,7 +161,7 @@ class DenseFlow:
         part = luma[:height, :width]
         frame = np.array(part, np.uint8) if part.dtype == np.uint8 else _grey_levels(part)
         self._frames = [*self._frames[-1:], frame]
-        self._reduced = [*self._reduced[-1:], reduce(frame, self._reduction)]
+        self._reduced = [*self._reduced[-1:], _reduce(frame, self._reduction)]
         return self._sampled() if len(self._frames) > 1 else None
 
     def _prepare(self, height: int, width: int) -> None:
@@ -209,7 +189,7 @@ class DenseFlow:
         reduction = self._reduction_in(part)
         if reduction == self._reduction:
             return self._vectors(self._reduced, reduction, (0, 0))
-        reduced = [reduce(frame[part], reduction) for frame in self._frames]
+        reduced = [_reduce(frame[part], reduction) for frame in self._frames]
         return self._vectors(reduced, reduction, (part[1].start, part[0].start))
 
     def _with_margin(self, first: int, extent: int, side: int) -> slice:

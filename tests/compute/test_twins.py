@@ -13,8 +13,7 @@ from oppload_cli.compute import loops
 from oppload_cli.models import camera, dlgmd, dpc, opposing_motion
 from oppload_cli.models.dpc import DpcParams, Kernels, PresynapticSums
 from oppload_cli.models.opposing_motion import cell_centres, offset_weights, pooling_weights
-from oppload_cli.motion import flow, rmo
-from oppload_cli.motion.flow import Cells
+from oppload_cli.motion import rmo
 from tests import reference
 from tests.arithmetic import many_bands
 
@@ -51,7 +50,7 @@ def plain(function: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
     [
         *(dpc.presynaptic_sums, dlgmd.group, opposing_motion.pool),
         *(opposing_motion.opponent_products, camera.leave_out_moving),
-        *(flow.reduce, flow.sample, rmo.rmo_sums),
+        rmo.rmo_sums,
     ],
 )
 def test_a_twin_has_the_name_and_the_arguments_of_its_plain_function(
@@ -257,37 +256,6 @@ def test_leave_out_moving(side: Callable[[Map], Map]) -> None:
 
 
 # ---- Motion --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("reduction", [1, 2, 4])
-@pytest.mark.parametrize("shape", [(60, 106), (1, 1), (17, 31), (5, 90)])
-def test_reducing_rounds_as_opencv_does(reduction: int, shape: tuple[int, int]) -> None:
-    rng = np.random.default_rng(reduction)
-    rows, columns = (side * reduction for side in shape)
-    wider = rng.integers(0, 256, (rows, columns + 5)).astype(np.uint8)
-    wider[: rows // 2] //= 64  # sums of few values: many halves
-    frame = wider[:, 2 : 2 + columns]
-    out = flow.reduce(frame, reduction)
-    np.testing.assert_array_equal(out, plain(flow.reduce)(frame, reduction))
-    means = frame.reshape(shape[0], reduction, shape[1], reduction).mean(axis=(1, 3))
-    assert np.abs(out - means).max() <= 0.5
-
-
-@pytest.mark.parametrize(
-    ("shape", "cells"),
-    [((60, 106), (17, 30)), ((61, 107), (15, 30)), ((33, 41), (32, 41)), ((16, 50), (1, 3))],
-)
-def test_sampling_has_the_bits_of_the_plain_function(
-    shape: tuple[int, int], cells: tuple[int, int]
-) -> None:
-    rng = np.random.default_rng(shape[0])
-    before, now = rng.integers(0, 9, (2, *shape)).astype(np.uint8)
-    now[:, : shape[1] // 3] = before[:, : shape[1] // 3]
-    motion = rng.normal(0.3, 1, (*shape, 2)).astype(np.float32)
-    arguments = (before, now, motion, Cells(*cells, 4, 24, 8), (0.5, 0.004))
-    expected = plain(flow.sample)(*arguments)
-    assert 0 < len(expected[1]) < cells[0] * cells[1]
-    np.testing.assert_array_equal(flow.sample(*arguments), expected)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 100, 701])
