@@ -17,7 +17,7 @@ def entry() -> NoReturn:
     The exit does not delete every object of the interpreter, which would take 0.06 s, 4 % of a run.
     """
     _open_standard_streams()
-    _let_all_names_pass()
+    _set_standard_output()
     # oppload multiplies no large matrices; starting threads for them takes 0.1 s.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # OpenCV prints lines if the system refuses a thread; oppload's error says the same. With some
@@ -55,11 +55,15 @@ def _open_standard_streams() -> None:
     os.close(descriptor)
 
 
-def _let_all_names_pass() -> None:
-    """Print names of files that are not UTF-8 as their bytes, and escape what else does not fit."""
+def _set_standard_output() -> None:
+    """Print names of files that are not UTF-8 as their bytes, and escape what else does not fit.
+
+    Lines end as they do in files that oppload writes, also on Windows.
+    """
     if isinstance(sys.stdout, TextIOWrapper):
         as_bytes = os.name == "posix" and sys.stdout.encoding.lower() == "utf-8"
-        sys.stdout.reconfigure(errors="surrogateescape" if as_bytes else "backslashreplace")
+        errors = "surrogateescape" if as_bytes else "backslashreplace"
+        sys.stdout.reconfigure(errors=errors, newline="\n")
 
 
 if __name__ == "__main__":

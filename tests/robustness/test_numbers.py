@@ -26,7 +26,7 @@ from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.optics import Optics
 from oppload_cli.video.source import open_video
 from tests.cli import inside
-from tests.cli.process import oppload
+from tests.cli.process import in_turn
 from tests.media import grey_frames, looming, write_video
 
 if TYPE_CHECKING:
@@ -64,14 +64,15 @@ def test_runs_with_any_number_of_threads_give_the_same_bytes(loom: Path, tmp_pat
     assert len(seen) == 1
 
 
-def test_another_process_gives_the_same_bytes(loom: Path, tmp_path: Path) -> None:
-    done = oppload(
-        *("run", loom, "-o", "-", "-q", "--height", "60"),
-        OPENCV_FOR_THREADS_NUM="3",
-        OPENBLAS_NUM_THREADS="3",
-        PYTHONHASHSEED="3",
-    )
-    assert done.stdout.encode() == table(loom, tmp_path / "out")
+def test_another_process_gives_the_same_bytes(
+    loom: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OPENCV_FOR_THREADS_NUM", "3")
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    monkeypatch.setenv("PYTHONHASHSEED", "3")
+    with (tmp_path / "output").open("wb") as output:
+        in_turn(("run", loom, "-o", "-", "-q", "--height", "60"), stdout=output)
+    assert (tmp_path / "output").read_bytes() == table(loom, tmp_path / "out")
 
 
 def test_no_plain_sum_of_floats(
