@@ -72,10 +72,6 @@ class SteadyLight:
 
     def __init__(self, lasting: float) -> None:
         self._lasting = lasting
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all frames."""
         self._before: Map | None = None
         self._gains: Map | None = None  # the logarithm of the gain of each row of cells
 
@@ -165,10 +161,6 @@ class NoiseFilter:
 
     def __init__(self, residual: float) -> None:
         self._residual = residual
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all frames."""
         self._fine: Map | None = None  # the fine structure of the latest frame
         self._change: Map | None = None  # its latest change
         self._measured = 0
@@ -227,10 +219,6 @@ class SteadyView:
     """
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all frames."""
         self._latest: deque[tuple[Grey, Motion]] = deque(maxlen=_MOST_FRAMES)
 
     def step(self, luma: Map, usual_step: float) -> Motion:
@@ -389,10 +377,6 @@ class Bars:
     """
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all frames."""
         self.widths = NO_BARS
         self._candidates = [0, 0, 0, 0]
         self._lasted = [0.0, 0.0, 0.0, 0.0]

@@ -131,21 +131,14 @@ class Opplod(Detector):
     ) -> None:
         super().__init__(shape, params, **others)
         own, layers, clock = self.params, self.layers, self.layers.clock
-        self._filters: list[SteadyLight | NoiseFilter] = []
-        if own.light_s:
-            self._filters.append(SteadyLight(own.light_s * clock.per_second))
-        if own.residual_noise:
-            self._filters.append(NoiseFilter(own.residual_noise))
-        self._view = SteadyView() if own.steady_view else None
+        self._see_anew()
         # These change frames or maps, so that layers cannot be shared.
         if self._filters or own.steady_view or own.entering:
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(own, own.both_axes, own.stride)
-        self._bars: Bars | None = None
         self._half: SharedLayer[Dpc] | None = None
         self.judgement: PooledJudgement | PixelwiseJudgement | ArmsJudgement
         if own.judgement == "pooled":
-            self._bars = Bars() if own.border else None
             if own.halved_weight:
                 half = max(1, shape[0] // 2), max(1, shape[1] // 2)
                 self._half = Layers(half, clock).dpc(own, own.both_axes)
@@ -154,6 +147,17 @@ class Opplod(Detector):
             self.judgement = ArmsJudgement(shape, own, clock.per_second)
         else:
             self.judgement = PixelwiseJudgement(shape, own)
+
+    def _see_anew(self) -> None:
+        """Make the parts that remove the effects of the camera, without an earlier frame."""
+        own = self.params
+        self._filters: list[SteadyLight | NoiseFilter] = []
+        if own.light_s:
+            self._filters.append(SteadyLight(own.light_s * self.layers.clock.per_second))
+        if own.residual_noise:
+            self._filters.append(NoiseFilter(own.residual_noise))
+        self._view = SteadyView() if own.steady_view else None
+        self._bars = Bars() if own.judgement == "pooled" and own.border else None
 
     @property
     def interpolated(self) -> str:
@@ -182,8 +186,8 @@ class Opplod(Detector):
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        parts = self._dpc, self._view, self._bars, self._half, self.judgement
-        for part in (*self._filters, *parts):
+        self._see_anew()
+        for part in (self._dpc, self._half, self.judgement):
             if part:
                 part.reset()
 

@@ -264,9 +264,6 @@ def test_the_noise_is_averaged_over_a_second() -> None:
     assert filtering._variance == pytest.approx(variance * (1 - 1 / 60) ** 60, rel=0.1)
     filtering.step(scene(), 60.0)
     assert filtering._variance == 0  # of frames far apart, the latest one counts alone
-    filtering.reset()
-    luma = scene()
-    assert filtering.step(luma, 1.0) is luma
 
 
 def views(motions: list[tuple[float, float, float]]) -> list[Luma]:
@@ -528,14 +525,6 @@ def test_places_outside_the_earlier_frame_have_a_value_of_their_own() -> None:
         np.testing.assert_array_equal(seen, [[1, 2, 3, -1], [5, 6, 7, -1], [9, 10, 11, -1]])
 
 
-def test_after_a_reset_the_next_frame_is_the_first() -> None:
-    light = SteadyLight(60.0)
-    light.step(scene(), 1.0)
-    light.reset()
-    luma = scene() * np.float32(0.7)
-    assert light.step(luma, 1.0) is luma
-
-
 def shown(widths: Widths, frames: int, luminance: float = 0.06) -> list[Luma]:
     """Return a texture that moves between bars of these widths, with little noise."""
     made = []
@@ -559,8 +548,7 @@ def test_bars_are_known_after_a_quarter_of_a_second(widths: Widths) -> None:
         found.append(bars.widths)
     assert found[7] == NO_BARS
     assert found[9:] == [widths] * 3
-    bars.reset()
-    found = []
+    bars, found = Bars(), []
     for luma in shown(widths, 18):
         bars.step(luma, 0.5)
         found.append(bars.widths)
