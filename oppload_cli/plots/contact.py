@@ -19,7 +19,6 @@ from oppload_cli.plots.tuning_curves import (
 )
 from oppload_cli.reference import AngularThreshold, angular_thresholds
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.tables import Display
 
 if TYPE_CHECKING:
@@ -264,10 +263,7 @@ def _largest_angle(tuning: Tuning) -> float | None:
     first = first_stimulus(tuning)
     try:
         display = Display.from_table(first["display"], "display")
-        half = min(display.width, display.height) / 2
-        field = 2 * half / display.scale
-        if display.projection == "perspective":
-            field = 2 * math.degrees(math.atan(half / Projection.of(display).eye_px))
+        field = display.angle_of(min(display.width, display.height))
         growths = [one["growth"] for one in first["object"] if "growth" in one]
         return float(min([field, *(growth.get("most_deg", 180) for growth in growths)]))
     except (KeyError, TypeError, AttributeError, StimulusError):

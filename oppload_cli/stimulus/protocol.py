@@ -25,8 +25,6 @@ from oppload_cli.stimulus.tables import TABLES, ProtocolTables, Scene
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from oppload_cli.stimulus.tables import Display
-
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_FRAMES = 1_000_000
@@ -193,7 +191,7 @@ def _check_inside(protocol: Protocol, obj: Object) -> None:
     times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
     if not any(may_show(protocol, obj, time) for time in times):
         display = protocol.display
-        wide, high = (_angle_of(display, side) for side in (display.width, display.height))
+        wide, high = map(display.angle_of, (display.width, display.height))
         empty, changed = " or of size 0", "centre_deg, its size or its motion"
         if obj.kind == PICTURE:
             empty, changed = "", "its course"
@@ -201,14 +199,6 @@ def _check_inside(protocol: Protocol, obj: Object) -> None:
             f"it is outside the field ({wide:.4g} x {high:.4g} deg){empty} in every frame; "
             f"change {changed}"
         )
-
-
-def _angle_of(display: Display, side: int) -> float:
-    """Return the angle in degrees that a side of the display spans, given in pixels."""
-    angle = side / display.scale
-    if display.projection == "flat":
-        return angle
-    return 2 * math.degrees(math.atan(math.radians(angle / 2)))
 
 
 def _remarks(protocol: Protocol) -> Iterator[str]:
@@ -295,8 +285,6 @@ def _without_effect(obj: Object) -> Iterator[str]:
 
 def _greatest_step(protocol: Protocol, obj: Object) -> float:
     """Return the longest way of a grating from frame to frame along its axis, in periods."""
-    if obj.motion is None and protocol.scene.motion is None:
-        return 0.0
     turns = (-obj.plaid_deg / 2, obj.plaid_deg / 2) if obj.kind == "plaid" else (0.0,)
     times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
     longest = 0.0

@@ -79,6 +79,13 @@ class Display(Table):
             return self.width / view
         return self.width / 2 / math.tan(math.radians(view / 2)) * math.pi / 180
 
+    def angle_of(self, pixels: float) -> float:
+        """Return the angle in degrees that a length spans whose middle is that of the field."""
+        angle = pixels / self.scale
+        if self.projection == "flat":
+            return angle
+        return 2 * math.degrees(math.atan(math.radians(angle / 2)))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Timing(Table):
