@@ -114,7 +114,7 @@ def plot_tuning(
                 "more values"
             )
     title = _title(tunings, kind) if title is None else title
-    shown = [_reduced(each) if _is_reduced(kind, each) else each for each in tunings]
+    shown = [_shown(each, kind) for each in tunings]
     request = Request(shown, models, names, title, published, scale == "raw", lplc2)
     figure, axes = _PLOTS[kind](request)
     _write_below(figure, _settings_lines(tunings, names, title))
@@ -137,9 +137,10 @@ def _reduced(tuning: Tuning) -> Tuning:
     return replace(tuning, parameters=varied) if varied else tuning
 
 
-def _is_reduced(kind: str, tuning: Tuning) -> bool:
-    """Return whether a kind of plot leaves out parameters of a single value."""
-    return kind in {"polar", "line"} or (kind == "heat" and len(tuning.parameters) > 2)
+def _shown(tuning: Tuning, kind: str) -> Tuning:
+    """Return a table as a kind of plot takes it: some leave out parameters of a single value."""
+    crowded = kind == "heat" and len(tuning.parameters) > 2
+    return _reduced(tuning) if crowded or kind in {"polar", "line"} else tuning
 
 
 def lines_of(
@@ -156,9 +157,9 @@ def lines_of(
     kinds have no lines. The parameters are those of :func:`plot_tuning`.
     """
     kind = kind or kind_of(tunings[0])
-    request = Request(tunings, models, style.labels_of(tunings, labels), lplc2=lplc2)
+    shown = [_shown(each, kind) for each in tunings]
+    request = Request(shown, models, style.labels_of(tunings, labels), lplc2=lplc2)
     if kind == "polar":
-        request = request._replace(tunings=[_reduced(each) for each in tunings])
         return [each.line() for each in direction_tunings(request)]
     return contact_lines(request) if kind == "contact" else []
 
@@ -178,8 +179,7 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
     """
     kind = kind_of(tuning)
     summary: dict[str, dict[str, Any]] = {}
-    shown = _reduced(tuning) if kind == "polar" else tuning
-    for each in Request([shown], (), [tuning.name]).curves():
+    for each in Request([_shown(tuning, kind)], (), [tuning.name]).curves():
         name, largest = each.detector.name, each.largest
         least = float(each.peaks.min()) / largest if largest > 0 else None
         summary[name] = {"largest_peak": largest, "least_over_largest": least}
