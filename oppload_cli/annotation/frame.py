@@ -53,8 +53,6 @@ _OVER_LARGEST = _Scale(0.5, {0: "largest", -1: "1/10", -2: "1/100", -3: "1/1000"
 
 
 class _Area(NamedTuple):
-    """A rectangle of the annotated frame: its left top corner and its size, in pixels."""
-
     x: int
     y: int
     width: int
@@ -140,8 +138,6 @@ def _font(size: int, bold: bool) -> tuple[int, float]:
 
 
 class _Point(NamedTuple):
-    """A point of a detector's curve: one frame."""
-
     time_s: float
     # The response over the alarm's threshold or, if alarms are off, over the largest response so
     # far. None during warm-up, and if the threshold is 0.

@@ -40,8 +40,6 @@ _HIGHEST = 3.0  # the top of a strip is at most this multiple of the threshold
 
 
 class _Definition(NamedTuple):
-    """The definition of a measure for the page."""
-
     title: str
     text: str
     unit: str = ""  # empty for a share

@@ -52,8 +52,8 @@ class Curve(NamedTuple):
 
     @property
     def best(self) -> int:
-        """The row of the largest value; 0 if there is none."""
-        return int(np.nanargmax(self.values)) if np.isfinite(self.values).any() else 0
+        """The row of the largest value."""
+        return int(np.nanargmax(self.values))
 
     @property
     def peak(self) -> float:
@@ -269,7 +269,6 @@ def _truth(result: BaseResult) -> dict[str, Any] | None:
 
 
 def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
-    """Return the remarks on a result, a sentence each."""
     notes = []
     if result.path.name.endswith(PART):
         notes.append("the run was interrupted; the page shows the frames that it had written")

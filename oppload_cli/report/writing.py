@@ -68,8 +68,6 @@ _CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params
 
 
 class _IndexRow(NamedTuple):
-    """A result as the index shows it."""
-
     title: str
     page: Path
     still: bytes  # JPEG; empty without a video
@@ -245,7 +243,6 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
 
 
 def _page(item: _Item, content: Content, copy: _VideoCopy | None, notes: list[str]) -> str:
-    """Return the page of a result as HTML."""
     video = copy and {
         "times": [round(t, 7) if np.isfinite(t) else None for t in copy.times_s.tolist()],
         "address": None if copy.content is not None else _address(copy.path, copy.path),
@@ -303,8 +300,6 @@ def _seconds(value: float) -> str:
 
 def _number(value: float) -> str:
     """Return a multiple of a threshold as text, in two digits; below 1 it does not become 1."""
-    if not np.isfinite(value):
-        return "\N{EN DASH}"
     if 0 < value < 0.01:
         return "< 0.01"
     value = 0.99 if 0.99 < value < 1 else value
@@ -320,8 +315,6 @@ def _address(path: Path, page: Path) -> str:
 def _spark(curve: Curve, times: Any) -> str:
     """Return a curve as an SVG path through the largest value of each bin of time."""
     known = np.flatnonzero(np.isfinite(curve.values))
-    if not len(known):
-        return ""
     width = _SPARK[0]
     length = float(times[-1] - times[0]) or 1.0
     column = np.minimum(((times[known] - times[0]) / length * width).astype(int), width - 1)

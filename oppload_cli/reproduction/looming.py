@@ -80,16 +80,6 @@ _LOOMING: Changes = {
 _DETECTORS = ("opplod", "dlgmd")
 
 
-def looming_centre() -> Built:
-    """Show the disk in the middle of the display."""
-    return _figure("looming-centre", _CENTRE)
-
-
-def looming_off_centre() -> Built:
-    """Show the disk off the middle of the display."""
-    return _figure("looming-off-centre", _OFF_CENTRE)
-
-
 def _figure(name: str, stimulus: str) -> Built:
     settings = {preset: settings_of(preset, _FIELD, height="native") for preset in PAPER_PRESETS}
     by_speed = {speed: _shown_at(stimulus, speed, settings) for speed in _SPEEDS}
@@ -114,6 +104,10 @@ def _figure(name: str, stimulus: str) -> Built:
         shared="looming-disk",
         speed=_SPEED,
     )  # fmt: skip
+
+
+looming_centre = functools.partial(_figure, "looming-centre", _CENTRE)
+looming_off_centre = functools.partial(_figure, "looming-off-centre", _OFF_CENTRE)
 
 
 def _claims(

@@ -324,7 +324,6 @@ def _hint(wanted: str) -> str:
 
 
 def _names() -> set[str]:
-    """Return the names of all entries and members."""
     return {name for entry in entries() for name in (entry.name, *entry.values())}
 
 
@@ -510,7 +509,6 @@ def _without_unit(name: str) -> str:
 
 
 def _in_name(value: object) -> str:
-    """Return a swept value as a part of a member's name."""
     if isinstance(value, list):
         return "x".join(_in_name(one) for one in value)
     if isinstance(value, float):
