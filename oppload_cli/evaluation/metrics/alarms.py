@@ -12,7 +12,6 @@ import numpy as np
 
 from oppload_cli.evaluation.metrics.clips import EPSILON_S, videos_of
 from oppload_cli.evaluation.metrics.intervals import (
-    Estimate,
     Measurement,
     interval,
     rate_interval,
@@ -119,9 +118,9 @@ class Thresholds:
         known = {each: self.outcomes(each) for each in {threshold, *drawn}}
         own, each_draw = known[threshold], [known[each] for each in drawn]
         measured = _measurements(clips, self._detector, condition, own, draws, drawn=each_draw)
-        estimate = Estimate(threshold, *interval(np.array(drawn)))
+        bounds = interval(np.array(drawn))
         footage = int((self.minutes > 0).sum())
-        level = Measurement(self._detector, "threshold", condition, *estimate, footage)
+        level = Measurement(self._detector, "threshold", condition, threshold, *bounds, footage)
         return Decision(condition, np.full(len(clips), threshold), own, [*measured, level])
 
     def held_out(self, rate: float, draws: Weights) -> Decision:
@@ -246,14 +245,14 @@ def _measurements(
     each_draw = list(drawn) if drawn is not None else [outcomes] * len(draws)
     once = np.ones(len(clips), np.int64)
 
-    def found(statistic: Callable[[_Outcomes, Weights], float]) -> Estimate:
+    def found(statistic: Callable[[_Outcomes, Weights], float]) -> tuple[float, float, float]:
         values = [statistic(*pair) for pair in zip(each_draw, draws, strict=True)]
-        return Estimate(statistic(outcomes, once), *interval(np.array(values)))
+        return statistic(outcomes, once), *interval(np.array(values))
 
-    rate = found(lambda each, weights: weighted_mean(each.detected, weights))
+    rate, low, high = found(lambda each, weights: weighted_mean(each.detected, weights))
     approaches = int((~np.isnan(outcomes.detected)).sum())
-    bounds = share_interval(rate.value, approaches, rate.low, rate.high)
-    yield Measurement(detector, "detection_rate", condition, rate.value, *bounds, approaches)
+    bounds = share_interval(rate, approaches, low, high)
+    yield Measurement(detector, "detection_rate", condition, rate, *bounds, approaches)
     lead = found(lambda each, weights: weighted_median(each.lead_s, weights))
     detections = int(np.nansum(outcomes.detected))
     yield Measurement(detector, "lead_time_s", condition, *lead, detections)
@@ -268,14 +267,9 @@ def _measurements(
             return count / total if total else float("nan")
 
         counted = of_kind & ~np.isnan(outcomes.false_alarms)
-        estimate = found(per_minute)
+        rate, low, high = found(per_minute)
         events, footage = np.nansum(outcomes.false_alarms[counted]), minutes[counted].sum()
-        bounds = rate_interval(float(events), float(footage), estimate.low, estimate.high)
-        yield Measurement(
-            detector,
-            "false_alarms_per_minute",
-            f"{condition}, {kind}" if kind else condition,
-            estimate.value,
-            *bounds,
-            int((counted & (minutes > 0)).sum()),
-        )
+        bounds = rate_interval(float(events), float(footage), low, high)
+        where = f"{condition}, {kind}" if kind else condition
+        clips_of_kind = int((counted & (minutes > 0)).sum())
+        yield Measurement(detector, "false_alarms_per_minute", where, rate, *bounds, clips_of_kind)

@@ -37,14 +37,6 @@ class Measurement(NamedTuple):
     n: int  # number of clips, windows, pairs or frames that were measured
 
 
-class Estimate(NamedTuple):
-    """A value with the bounds of its interval; NaN where they are not known."""
-
-    value: float
-    low: float
-    high: float
-
-
 def draws_of(
     looming: Sequence[bool],
     count: int = DRAWS,
@@ -80,8 +72,8 @@ def draws_of(
     return weights
 
 
-def estimate(statistic: Callable[[Weights], float], draws: Weights) -> Estimate:
-    """Return a statistic of all clips with its percentile interval over the draws.
+def estimate(statistic: Callable[[Weights], float], draws: Weights) -> tuple[float, float, float]:
+    """Return a statistic of all clips, and the bounds of its percentile interval over the draws.
 
     Parameters
     ----------
@@ -91,7 +83,7 @@ def estimate(statistic: Callable[[Weights], float], draws: Weights) -> Estimate:
         From :func:`draws_of`.
     """
     value = statistic(np.ones(draws.shape[1], np.int64))
-    return Estimate(value, *interval(np.array([statistic(each) for each in draws])))
+    return value, *interval(np.array([statistic(each) for each in draws]))
 
 
 def share_interval(share: float, count: int, low: float, high: float) -> tuple[float, float]:
