@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from oppload_cli.plots.tuning_curves import Request, TuningCurve
     from oppload_cli.results.reading import Series, Tuning
 
+    Peaks = Mapping[Any, float]  # by axis in degrees
+
 _NARROW = 28  # characters in a line above one of two panels side by side
 _NARROWEST = 20  # beside a colour bar
 _HALF = 0.5
@@ -167,13 +169,7 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def _draw_ends(
-    axes: Axes,
-    both: Mapping[Any, float],
-    one: Mapping[Any, float],
-    largest: float,
-    colour: str,
-) -> None:
+def _draw_ends(axes: Axes, both: Peaks, one: Peaks, largest: float, colour: str) -> None:
     look: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5}
     open_look = look | {"linestyle": "--", "markerfacecolor": "white"}
     total = {
@@ -189,7 +185,7 @@ def _draw_ends(
     axes.set_xticks(range(0, 361, 90))
 
 
-def _both_over_one(both: Mapping[Any, float], one: Mapping[Any, float]) -> str:
+def _both_over_one(both: Peaks, one: Peaks) -> str:
     """Return the range over axes of the peak for both ends / the larger peak for one end.
 
     The peaks are given by axis in degrees; for one end, this is the direction of its growth. The
