@@ -11,6 +11,7 @@ import json
 import math
 import os
 import re
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from numbers import Real
@@ -287,10 +288,14 @@ def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
 def bytes_of(name: str) -> int | None:
     """Return the size of a file, or of all images of a sequence; None for any other input."""
     try:
-        files = [name] if is_file(name) else filter(is_file, image_paths(name))
+        files = [Path(name)] if is_file(name) else image_paths(name)
     except SourceError:
         return None
-    return sum(map(os.path.getsize, files))
+    total = 0
+    for file in files:
+        with suppress(OSError):  # a broken link, or an image that was just removed
+            total += file.stat().st_size
+    return total
 
 
 def truth_beside(name: str | Path) -> Path:
