@@ -39,8 +39,9 @@ if TYPE_CHECKING:
 
 PART = ".part"  # end of the name of a file or folder that is still being written
 _DYING_S = 0.5  # time for which a run that was killed may still hold its lock
-# On Windows. Nobody else can read a locked byte, so it is behind the end.
-_LOCKED_BYTE, _CREATE_NEW, _SHARED = 1 << 40, 1, 7  # to read, write and remove
+# Of Windows: nobody else can read a locked byte, so it is far behind the end of the file; a new
+# file; others may read, write and remove the file, which `os.open` does not allow.
+_LOCKED_BYTE, _CREATE_NEW, _SHARED = 1 << 40, 1, 7
 # Flags that follow no link and wait for no pipe. Windows lacks them: there, only `_check_alone`
 # refuses links and pipes.
 _CAUTIOUS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
