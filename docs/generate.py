@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.page import CONDITIONS, INTERVALS, MEASURES
-from oppload_cli.models.detector import ALARM_DETAILS, COMMON, COMMON_DETAILS, RMO, VIEW, columns_of
+from oppload_cli.models.columns import ALARM_DETAILS, COMMON, COMMON_DETAILS, RMO, VIEW, columns_of
 from oppload_cli.models.registry import default_names, detectors
 from oppload_cli.pipeline.settings import parameter_sets
 

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, Literal, cast, overload
 
 from oppload_cli.errors import OpploadError, ParameterError, faults_at, suggestion
 from oppload_cli.models import LOAD
-from oppload_cli.models.detector import COMMON, RMO, Column, Detector, columns_of
+from oppload_cli.models.columns import COMMON, RMO, columns_of
+from oppload_cli.models.detector import Column, Detector
 from oppload_cli.models.dlgmd import Dlgmd
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_named

@@ -1,6 +1,6 @@
 """The content of a run's files: NAME.frames.csv, NAME.detections.jsonl and the sidecar.
 
-The module ``models.detector`` defines the columns of the table.
+The module ``models.columns`` defines the columns of the table.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.files.atomic import PartFile, output_errors, write_atomic
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.files.tables import Cell, Value, formatted, rows_in
-from oppload_cli.models.detector import COMMON, COMMON_DETAILS, PLACE, RMO, VIEW, columns_of
+from oppload_cli.models.columns import COMMON, COMMON_DETAILS, PLACE, RMO, VIEW, columns_of
 from oppload_cli.models.registry import detector_named
 
 if TYPE_CHECKING:

@@ -9,15 +9,8 @@ import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models import registry
-from oppload_cli.models.detector import (
-    COMMON,
-    RMO,
-    Column,
-    Detector,
-    Response,
-    columns_of,
-    inner,
-)
+from oppload_cli.models.columns import COMMON, RMO, columns_of
+from oppload_cli.models.detector import Column, Detector, Response, inner
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams
 from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.opplod import Opplod
