@@ -194,12 +194,30 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
     for line in faults(task, outcome, quiet=True) if quiet else outcome_lines(task, outcome):
         say(line)
     alarms = options.output / "alarms.csv"
+    written = True
     # Maybe an earlier batch has listed the alarms of this result.
     if task.outputs and outcome.verdicts and rows_of(alarms, ALARM_COLUMNS):
-        write_alarms(alarms, {task.name: outcome.verdicts}, {task.name: task.stem})
+        verdicts, stems = {task.name: outcome.verdicts}, {task.name: task.stem}
+        written = _is_written(partial(write_alarms, alarms, verdicts, stems))
     tally = Tally()
     tally.add(task.name, outcome)
-    return tally.exit_code(options.fail_on)
+    return _exit_code(tally, options, written=written)
+
+
+def _is_written(write: Callable[[], None]) -> bool:
+    """Write a list of alarms or failures; print the error and return False if that fails."""
+    try:
+        write()
+    except OpploadError as error:
+        say(f"oppload: {error}")
+        return False
+    return True
+
+
+def _exit_code(tally: Tally, options: RunOptions, *, written: bool) -> int:
+    """Return the exit code of all inputs, or INCOMPLETE if a list could not be written."""
+    code = tally.exit_code(options.fail_on)
+    return code or (ExitCode.DONE if written else ExitCode.INCOMPLETE)
 
 
 def _stimulus_of(name: str) -> str:
@@ -349,9 +367,7 @@ class _Batch:
             if self._tally.inputs.total():
                 self._finish()
             raise
-        written = self._finish()
-        code = self._tally.exit_code(options.fail_on)
-        return code or (ExitCode.DONE if written else ExitCode.INCOMPLETE)
+        return _exit_code(self._tally, options, written=self._finish())
 
     def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
         if isinstance(result, Failure):
@@ -376,13 +392,7 @@ class _Batch:
         lists: list[Callable[[], None]] = [partial(write_failures, self._failures, tally.failures)]
         if tally.verdicts:
             lists.append(partial(write_alarms, self._alarms, tally.verdicts, stems))
-        written = True
-        for write in lists:
-            try:
-                write()
-            except OpploadError as error:
-                say(f"oppload: {error}")
-                written = False
+        written = [_is_written(each) for each in lists]
         if self._verbosity >= 0:
             wall_s = time.monotonic() - self._begun
             alarms = self._tally.alarms(_LISTED, self._alarms, stems) if self._shown else ()
@@ -399,7 +409,7 @@ class _Batch:
             say(f"oppload: the failed inputs are in {self._failures}; try them again with:")
             for command in _retry_commands(click.get_current_context(), self._failures):
                 say(f"  {command_line(command)}")
-        return written
+        return all(written)
 
 
 def _retry_commands(context: click.Context, failures: Path) -> Iterator[list[str]]:

@@ -18,6 +18,8 @@ from oppload_cli.batch import tasks
 from oppload_cli.cli import progress
 from oppload_cli.cli.progress import AlarmTable, BatchProgress
 from oppload_cli.errors import printable
+from oppload_cli.files import atomic
+from oppload_cli.files.atomic import PartFile
 from oppload_cli.pipeline.task import Interrupted, Outcome
 from oppload_cli.results.alarms import ALARM_COLUMNS, verdicts_in
 from tests.cli import process
@@ -164,7 +166,7 @@ def test_a_file_of_the_user_with_the_name_of_a_list_stays(
 
 
 def test_a_run_of_one_input_brings_the_alarms_of_a_batch_up_to_date(
-    clips: Path, tmp_path: Path
+    clips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     alarms = tmp_path / "alarms.csv"
     header = ",".join(ALARM_COLUMNS)
@@ -172,6 +174,12 @@ def test_a_run_of_one_input_brings_the_alarms_of_a_batch_up_to_date(
     alarms.write_text("\n".join([header, *rows]) + "\n")
     assert oppload("run", clips / "clip0.avi", "-o", tmp_path, *FAST).returncode == 0
     assert alarms.read_text().splitlines() == [header, rows[1]]  # without an alarm of clip0
+    monkeypatch.setattr(atomic, "_DYING_S", 0)
+    with PartFile(alarms):  # of a batch that ends at this moment
+        done = oppload("run", clips / "clip1.avi", "-o", tmp_path, *FAST)
+    assert done.returncode == 4
+    assert "alarms.csv: another run is writing it" in done.stderr
+    assert (tmp_path / "clip1.frames.csv").exists()
 
 
 def test_an_input_that_does_not_suit_the_settings_is_named(tmp_path: Path) -> None:
