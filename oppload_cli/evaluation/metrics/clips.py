@@ -264,22 +264,17 @@ class Curves(NamedTuple):
         return float(np.sum(np.diff(self.true_rate) * self.precision[1:]))
 
 
-def curves_of(score: Numbers, positive: Flags, weight: Numbers) -> Curves | None:
+def curves_of(score: Numbers, positive: Flags) -> Curves | None:
     """Return the curves of windows with scores; None without a positive or a negative window.
 
-    Parameters
-    ----------
-    score, positive : ndarray, shape (n,)
-        As `scored` returns them.
-    weight : ndarray, shape (n,)
-        How often each window counts.
+    `score` and `positive`, shape (n,), are as `scored` returns them.
     """
     order = np.argsort(-score, kind="stable")
-    score, positive, weight = score[order], positive[order], weight[order]
+    score, positive = score[order], positive[order]
     # Windows with equal scores share a threshold: the last window of each score.
     last = np.flatnonzero(np.append(np.diff(score), -1.0)[: len(score)])
-    hits = np.append(0, np.cumsum(weight * positive)[last])
-    false = np.append(0, np.cumsum(weight * ~positive)[last])
+    hits = np.append(0, np.cumsum(positive)[last])
+    false = np.append(0, np.cumsum(~positive)[last])
     if not hits[-1] or not false[-1]:
         return None
     marked = hits + false

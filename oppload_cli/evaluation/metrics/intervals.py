@@ -172,6 +172,36 @@ def area_interval(area: float, approaches: int, others: int) -> tuple[float, flo
     return low, _reaching(partial(deviations, area), deviation)
 
 
+def precision_interval(precision: float, approaches: int, others: int) -> tuple[float, float]:
+    """Return the interval of an average precision.
+
+    It is the interval of Wilson (1927, J Am Stat Assoc 22:209) of a share of as many outcomes as
+    there are videos of the rarer kind. An interval for shares, with the number of positives, holds
+    the true value more often than a bootstrap does (Boyd, Eng and Page 2013, ECML PKDD, p. 451);
+    with few videos without an approach it would be too narrow.
+
+    Parameters
+    ----------
+    precision : float
+        Measured average precision, 0 to 1; NaN if it is not known.
+    approaches, others : int
+        As for :func:`area_interval`.
+
+    Returns
+    -------
+    tuple of float
+        The bounds, 0 to 1; NaN for a precision of NaN.
+    """
+    if math.isnan(precision):
+        return math.nan, math.nan
+    count = min(approaches, others)
+    squared = NormalDist().inv_cdf(0.5 + LEVEL / 200) ** 2
+    middle = precision + squared / (2 * count)
+    reach = math.sqrt(squared * (precision * (1 - precision) + squared / (4 * count)) / count)
+    low, high = ((middle + side) / (1 + squared / count) for side in (-reach, reach))
+    return max(0.0, low), min(1.0, high)  # rounding may lead a little beyond
+
+
 def rate_interval(events: float, minutes: float, low: float, high: float) -> tuple[float, float]:
     """Widen the bootstrap's interval of a rate if no event was seen or all draws agree.
 

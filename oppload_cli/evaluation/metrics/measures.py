@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -30,6 +31,7 @@ from oppload_cli.evaluation.metrics.intervals import (
     Measurement,
     area_interval,
     estimate,
+    precision_interval,
     share_interval,
     weighted_mean,
     weighted_median,
@@ -75,32 +77,31 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
     for condition in (AT_ONE, SHIPPED):
         measurements += _of_conditions(clips, detector, decisions[condition], draws)
     measurements += _of_objects(clips, detector, draws)
-    measurements += _of_windows(clips, detector, draws)
+    score, positive, owner = scored(clips, detector)
+    curves = curves_of(score, positive)
+    video = videos_of(clips)[owner]
+    measurements += _of_windows(detector, curves, video[positive], video[~positive])
     measurements += _of_order(clips, detector, draws)
     ratio = _median(_distinct_ratios(clips, detector), draws)
     measurements.append(Measurement(detector, "distinct_ratio", "median over clips", *ratio))
     measurements += of_places(clips, detector, draws)
-    score, positive, _ = scored(clips, detector)
-    curves = curves_of(score, positive, np.ones(len(score)))
     return Performance(measurements, decisions, curves, thresholds)
 
 
-def _of_windows(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
-    """Yield how well the scores of one-second windows tell approaches from other footage."""
-    score, positive, owner = scored(clips, detector)
+def _of_windows(
+    detector: str, curves: Curves | None, approaches: Weights, others: Weights
+) -> Iterator[Measurement]:
+    """Yield how well the scores of one-second windows tell approaches from other footage.
 
-    def measure(name: str, weights: Weights) -> float:
-        curves = curves_of(score, positive, weights[owner])
-        return float("nan") if curves is None else float(getattr(curves, name))
-
-    condition = "last second before contact"
-    area = measure("auc", np.ones(len(clips), np.int64))
-    video = videos_of(clips)[owner]
-    counts = (len(np.unique(video[positive])), len(np.unique(video[~positive])))
-    bounds = area_interval(area, *counts)
-    yield Measurement(detector, "roc_auc", condition, area, *bounds, len(score))
-    precision = estimate(partial(measure, "average_precision"), draws)
-    yield Measurement(detector, "average_precision", condition, *precision, len(score))
+    `approaches` and `others` hold the number of the video of each window of these kinds.
+    """
+    videos = len(np.unique(approaches)), len(np.unique(others))
+    area, precision = (curves.auc, curves.average_precision) if curves else (math.nan, math.nan)
+    condition, windows = "last second before contact", len(approaches) + len(others)
+    bounds = area_interval(area, *videos)
+    yield Measurement(detector, "roc_auc", condition, area, *bounds, windows)
+    bounds = precision_interval(precision, *videos)
+    yield Measurement(detector, "average_precision", condition, precision, *bounds, windows)
 
 
 def _averaged(

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.evaluation.metrics.clips import videos_of
+from oppload_cli.evaluation.metrics.clips import curves_of, videos_of
 from oppload_cli.evaluation.metrics.intervals import (
     area_interval,
     draws_of,
     estimate,
     interval,
+    precision_interval,
     weighted_mean,
     weighted_median,
 )
@@ -226,6 +227,40 @@ def test_intervals_of_areas_hold_the_truth_as_often_as_they_say(
         assert held >= 180
 
 
+def test_the_interval_of_a_precision_is_that_of_a_share_of_the_rarer_videos() -> None:
+    """Each bound, as the true share, is 1.96 standard deviations away."""
+    for precision, approaches, others in ((0.9, 10, 20), (0.3, 40, 12)):
+        count = min(approaches, others)
+        for true in precision_interval(precision, approaches, others):
+            deviation = (true * (1 - true) / count) ** 0.5
+            assert abs(true - precision) / deviation == pytest.approx(1.95996, rel=1e-5)
+    assert [*precision_interval(1.0, 12, 30)] == pytest.approx([12 / (12 + 1.95996**2), 1])
+    assert [*precision_interval(0.0, 1, 1)] == pytest.approx([0, 1 - 1 / (1 + 1.95996**2)])
+    assert np.isnan(precision_interval(float("nan"), 0, 3)).all()
+
+
+@pytest.mark.parametrize(("approaches", "others"), [(12, 12), (40, 40), (12, 40), (40, 12)])
+def test_intervals_of_precisions_hold_the_truth_about_as_often_as_they_say(
+    approaches: int, others: int
+) -> None:
+    random = np.random.default_rng(7)
+
+    def precision(distance: float, times: int) -> float:
+        near = distance + random.standard_normal(times * approaches)
+        other = random.standard_normal((times * others, 1))
+        other = (other + random.standard_normal((times * others, 5))) / 2**0.5
+        positive = np.arange(near.size + other.size) < near.size
+        found = curves_of(np.append(near, other), positive)
+        return found.average_precision if found else float("nan")
+
+    for distance in (1.8124, 2.66, 3.2899):
+        true = precision(distance, 40000 // max(approaches, others))
+        intervals = (
+            precision_interval(precision(distance, 1), approaches, others) for _ in range(200)
+        )
+        assert sum(low <= true <= high for low, high in intervals) >= 182
+
+
 def test_the_interval_of_an_area_counts_videos() -> None:
     clips = [
         clip(peaks(60, {55: 2.0}), 54, 56),  # above all others
@@ -243,3 +278,5 @@ def test_the_interval_of_an_area_counts_videos() -> None:
     found = measured([*halves, clips[2]], NAME, draws).measurements
     area = next(f for f in found if f.measure == "roc_auc")
     assert (area.low, area.high) == area_interval(area.value, 1, 2)
+    mean = next(f for f in found if f.measure == "average_precision")
+    assert (mean.low, mean.high) == precision_interval(mean.value, 1, 2)

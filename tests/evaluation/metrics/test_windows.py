@@ -74,13 +74,9 @@ def test_areas_are_those_of_all_pairs_and_of_the_definition() -> None:
     random = np.random.default_rng(3)
     score = random.integers(0, 6, 60).astype(float)  # many ties
     positive = random.random(60) < 0.3
-    weight = random.integers(0, 4, 60)
-    found = curves_of(score, positive, weight.astype(float))
+    found = curves_of(score, positive)
     assert found is not None
-    above, below = (
-        np.repeat(score[positive], weight[positive]),
-        np.repeat(score[~positive], weight[~positive]),
-    )
+    above, below = score[positive], score[~positive]
     pairs = (above[:, None] > below) + 0.5 * (above[:, None] == below)
     assert found.auc == pytest.approx(pairs.mean())
     average = 0.0
@@ -93,7 +89,7 @@ def test_areas_are_those_of_all_pairs_and_of_the_definition() -> None:
 
 def test_a_curve_by_hand() -> None:
     score, positive = np.array([4.0, 3.0, 2.0, 1.0]), np.array([True, False, True, False])
-    found = curves_of(score, positive, np.ones(4))
+    found = curves_of(score, positive)
     assert found is not None
     assert found.false_rate.tolist() == [0, 0, 0.5, 0.5, 1]
     assert found.true_rate.tolist() == [0, 0.5, 0.5, 1, 1]
@@ -103,5 +99,5 @@ def test_a_curve_by_hand() -> None:
 
 
 def test_one_kind_of_windows_has_no_curve() -> None:
-    assert curves_of(np.array([1.0, 2.0]), np.array([True, True]), np.ones(2)) is None
-    assert curves_of(np.empty(0), np.empty(0, bool), np.empty(0)) is None
+    assert curves_of(np.array([1.0, 2.0]), np.array([True, True])) is None
+    assert curves_of(np.empty(0), np.empty(0, bool)) is None
