@@ -16,8 +16,8 @@ from oppload_cli.files.tables import Cell, open_table, typed
 from oppload_cli.models.presets import NATIVE
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.cells import check_frames, kind_of_column, read_table
-from oppload_cli.results.reading import beside, check_detectors
+from oppload_cli.results.cells import ANOTHER_RESULT, check_frames, kind_of_column, read_table
+from oppload_cli.results.reading import beside, check_detectors, is_collected
 from oppload_cli.results.table import (
     SIDECAR,
     TABLE,
@@ -222,12 +222,18 @@ def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
     """Return pairs of a path and a table: a file is its own table, a folder has many.
 
     Folders are searched to any depth. ``results/*.csv`` also names the lists that a batch writes
-    beside its tables: they are left out if other paths are given too. Raises ResultError if a
-    folder has no table, or cannot be read.
+    beside its tables, and collected tables: they are left out if other paths are given too. Raises
+    ResultError if a folder has no table, or cannot be read, or if there is nothing else than lists.
     """
-    others = [path for path in paths if not _LIST_OF_BATCH.fullmatch(path.name)]
+    others = [
+        path for path in paths if not (_LIST_OF_BATCH.fullmatch(path.name) or is_collected(path))
+    ]
+    if not others:
+        raise ResultError(
+            f"{paths[0]}: lists several results; {ANOTHER_RESULT}, or the folder of the results"
+        )
     found: list[tuple[Path, Path]] = []
-    for path in others or paths:
+    for path in others:
         tables = list(_found_tables(path)) if is_folder(path) else [path]
         if not tables:
             raise ResultError(f"{path}: holds no result; give a folder of 'oppload run --output'")

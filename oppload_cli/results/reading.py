@@ -271,18 +271,31 @@ def beside(table: Path, suffix: str = SIDECAR) -> Path:
 
 
 def is_tuning(path: Path) -> bool:
-    """Tell whether a CSV file has the header of a tuning table; False if it cannot be read.
+    """Tell whether a CSV file has the header of a tuning table; False if it cannot be read."""
+    header = _header(path)
+    return header[:1] == ["stimulus"] and "model" in header
+
+
+def is_collected(path: Path) -> bool:
+    """Tell whether a CSV file has the header of a table of several results, as of ``collect``.
+
+    False if it cannot be read.
+    """
+    return _header(path)[:1] == ["result"]
+
+
+def _header(path: Path) -> list[str]:
+    """Return the names of the columns of a CSV file; none if it cannot be read.
 
     A pipe has none: what is read of it here would be missing later.
     """
     if not is_file(path):
-        return False
+        return []
     try:
         with path.open(encoding="utf-8-sig") as file:
-            header = file.readline().strip().split(",")
+            return file.readline().strip().split(",")
     except (OSError, UnicodeDecodeError):
-        return False
-    return header[:1] == ["stimulus"] and "model" in header
+        return []
 
 
 def read_tuning(path: str | Path) -> Tuning:

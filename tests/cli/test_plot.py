@@ -211,13 +211,19 @@ def test_a_file_beside_a_table_is_no_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_lists_of_a_batch_are_no_results(tmp_path: Path) -> None:
-    """``oppload plot results/*.csv`` names these lists too."""
+def test_lists_and_collected_tables_are_no_results(tmp_path: Path) -> None:
+    """``oppload plot results/*.csv`` names them too."""
     own = write_result(tmp_path / "a.frames.csv")
     lists = [tmp_path / name for name in ("alarms.csv", "failures.csv", "alarms-2-of-3.csv")]
     for path in lists:
         path.write_text("video,model\n")
-        assert "no column 'frame'" in oppload("plot", path).stderr
+    lists.append(tmp_path / "all.csv")
+    lists[-1].write_text("result,input,frame,time_s\n")
+    for path in lists:
+        assert oppload("plot", path).stderr == (
+            f"oppload: {path}: lists several results; give a frames.csv of 'oppload run', or the "
+            "folder of the results\n"
+        )
     done = oppload("plot", *lists, own)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == f"{tmp_path / 'a.frames.png'}\n"
