@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 import oppload_cli as oppload
-from oppload_cli.cli import check_display, options, say, show_file
+from oppload_cli.cli import check_display, options, save_figure, say, show_file
 from oppload_cli.errors import (
     ExitCode,
     ParameterError,
@@ -159,7 +159,7 @@ def plot(
             _leave_out(error, failures)
             continue
         target = output or _beside(group[0], *kinds[group[0]])
-        style.save(figure, target)
+        save_figure(figure, target)
         for line in lines:
             say(line)
         click.echo(target)

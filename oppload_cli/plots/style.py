@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import re
 import textwrap
 import warnings
@@ -16,8 +17,9 @@ import numpy as np
 from matplotlib import style
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
+from matplotlib.font_manager import FontProperties, findfont, get_font, get_font_names
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
 from matplotlib.textpath import text_to_path
 from matplotlib.ticker import StrMethodFormatter
 
@@ -60,8 +62,17 @@ DECADES = 4  # that a logarithmic heat map shows at most
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _WORDS = re.compile(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]")
 _UNIT = re.compile(r"(?<=\d) (?=(?:s|ms|deg|px)\b)")
+# The usual fonts with Chinese, Japanese and Korean characters, which DejaVu Sans lacks.
+_EAST_ASIAN = (
+    *("Noto Sans CJK JP", "Noto Sans CJK SC", "Noto Sans JP", "Noto Sans SC", "Noto Sans KR"),
+    *("Source Han Sans", "IPAexGothic", "WenQuanYi Micro Hei", "WenQuanYi Zen Hei"),
+    *("Hiragino Sans", "Apple SD Gothic Neo", "Yu Gothic", "Microsoft YaHei", "Malgun Gothic"),
+    "Arial Unicode MS",
+)
+# Matplotlib takes a character from the first of these fonts that has it.
+_FONTS = ["DejaVu Sans", *(name for name in _EAST_ASIAN if name in get_font_names())]
 _STYLE: Any = {  # Any: the stubs list every key that matplotlib has
-    "font.family": "DejaVu Sans",
+    "font.family": _FONTS,
     "font.size": 7.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -297,17 +308,31 @@ def save(figure: Figure, path: Path) -> None:
 def image_bytes(figure: Figure, form: str, dpi: float | None = None) -> bytes:
     """Return a figure as the content of a file: ``png``, ``svg`` or ``pdf``."""
     image = io.BytesIO()
-    with _style(), _known_glyphs():
+    with _style(), _quiet_fonts():
         figure.savefig(image, format=form, metadata=METADATA[f".{form}"], dpi=dpi)
     return image.getvalue()
 
 
+def missing_characters(figure: Figure) -> str:
+    """Return the characters in a figure that no font of the style has: they are drawn as boxes."""
+    with _quiet_fonts():
+        fonts = [get_font(findfont(name)) for name in _FONTS]
+    used = {each for text in figure.findobj(Text) for each in text.get_text() if each != "\n"}
+    return "".join(sorted(c for c in used if not any(f.get_char_index(ord(c)) for f in fonts)))
+
+
 @contextmanager
-def _known_glyphs() -> Iterator[None]:
-    """Do not warn of a character that the font lacks: matplotlib draws a box for it."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", r"Glyph .* missing from")
-        yield
+def _quiet_fonts() -> Iterator[None]:
+    """Do not warn of a character that all fonts lack, or of a font without the usual weight."""
+    logger = logging.getLogger("matplotlib.font_manager")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", r"Glyph .* missing from")
+            yield
+    finally:
+        logger.setLevel(level)
 
 
 def check_suffix(path: Path) -> None:
@@ -340,8 +365,8 @@ def plain(text: str) -> str:
 @cache
 def width_em(line: str) -> float:
     """Return the width of a line in the font of the figures, over the size of the font."""
-    font = FontProperties(family=_STYLE["font.family"], size=100)
-    with _known_glyphs():
+    font = FontProperties(family=_FONTS, size=100)
+    with _quiet_fonts():
         return float(text_to_path.get_text_width_height_descent(line, font, ismath=False)[0]) / 100
 
 

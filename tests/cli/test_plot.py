@@ -210,6 +210,13 @@ def test_a_file_beside_a_table_is_no_table(tmp_path: Path) -> None:
     )
 
 
+def test_a_message_names_the_characters_that_no_font_has(tmp_path: Path) -> None:
+    table = write_result(tmp_path / "a.frames.csv")
+    done = oppload("plot", table, "-o", tmp_path / "a.svg", "--title", "disk \U00012000")
+    assert done.returncode == 0
+    assert "a.svg: no font has \U00012000, so that the figure shows boxes" in done.stderr
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_lists_and_collected_tables_are_no_results(tmp_path: Path) -> None:
     """``oppload plot results/*.csv`` names them too."""

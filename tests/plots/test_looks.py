@@ -12,8 +12,9 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from oppload_cli.models.registry import detectors
+from oppload_cli.plots import style
 from oppload_cli.plots.panels import CurveOptions, panels_of
-from oppload_cli.plots.style import looks_of, styled_figure
+from oppload_cli.plots.style import image_bytes, looks_of, missing_characters, styled_figure
 from oppload_cli.results.reading import read_result
 from tests.results.make import write_result
 
@@ -107,3 +108,19 @@ def test_a_notebook_shows_a_figure() -> None:
     shown: Any = figure
     with Image.open(io.BytesIO(shown._repr_png_())) as image:
         assert image.size == (150, 75)
+
+
+def test_characters_come_from_another_font_where_the_usual_one_lacks_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    combined = "a\u20d2"  # in a font of matplotlib, but not in DejaVu Sans
+    with styled_figure(2, 1) as figure:
+        figure.text(0, 0, f"{combined}\n\U00012000")  # no usual font has cuneiform
+    assert missing_characters(figure) == "\u20d2\U00012000"
+    boxes = image_bytes(figure, "png")
+    monkeypatch.setattr(style, "_FONTS", ["DejaVu Sans", "STIXGeneral"])
+    monkeypatch.setitem(style._STYLE, "font.family", style._FONTS)
+    with styled_figure(2, 1) as other:
+        other.text(0, 0, f"{combined}\n\U00012000")
+    assert missing_characters(other) == "\U00012000"
+    assert image_bytes(other, "png") != boxes
