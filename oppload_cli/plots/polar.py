@@ -102,6 +102,7 @@ class DirectionTuning:
     symmetric: bool = False  # whether half a turn gives the same stimulus
     angle: str = _MOTION  # the meaning of the angle
     doubts: str = ""  # why the curve means little; a line break before each reason
+    deviations: Series | None = None  # of the responses over the seeds; None if they are no means
 
     @property
     def numbers(self) -> _Selectivity:
@@ -181,11 +182,13 @@ def direction_tuning(curve: TuningCurve) -> DirectionTuning:
         two = len(tuning.parameters) == 2
         advice = "draw kind 'heat'" if two else "a plot shows two swept columns at most"
         raise ResultError(f"{tuning.path}: column '{other}' is swept too; {advice}")
-    angles, values = curve.rows[direction].to_numpy(float), curve.peaks
+    stated = curve.rows[direction].to_numpy(float)
+    values, deviations = curve.peaks, curve.deviations
     preset = tuning.sidecar.get("preset")
     if preset and is_rounding_error(curve.largest, alarm_floor_of(detector.name, preset)):
-        values = np.zeros_like(values)
-    angles, values = (full_circle if tuning.symmetric else _in_order)(angles, values)
+        values, deviations = np.zeros_like(values), None
+    completed = full_circle if tuning.symmetric else _in_order
+    angles, values = completed(stated, values)
     return DirectionTuning(
         f"{detector.label}, {curve.table}" if curve.table else detector.label,
         angles,
@@ -195,6 +198,7 @@ def direction_tuning(curve: TuningCurve) -> DirectionTuning:
         tuning.symmetric,
         _TURNED if direction == _SCENE else _MOTION,
         curve.doubts,
+        None if deviations is None else completed(stated, deviations)[1],
     )
 
 
@@ -294,15 +298,21 @@ def draw_polar(
 
     A line of text below the plot has at most `across` characters.
     """
+    top = 0.0
     for curve in curves:
         peak = curve.numbers.peak
         over = 1.0 if raw or peak <= 0 else peak
         angles, values = _closed(curve.angles_deg, curve.responses / over)
         axes.plot(np.deg2rad(angles), values, label=_label(curve, across, raw=raw), **curve.look)
+        top = max(top, float(np.max(values, initial=0)))
+        if curve.deviations is not None:
+            bars, heights = curve.deviations / over, curve.responses / over
+            style.error_bars(axes, np.deg2rad(curve.angles_deg), heights, bars, curve.look["color"])
+            top = max(top, float(np.nanmax(heights + bars, initial=0)))
     axes.set_thetagrids(range(0, 360, 45), [f"{angle}°" for angle in range(0, 360, 45)])
-    top = max(float(np.max(np.asarray(line.get_ydata()), initial=0)) for line in axes.lines) or 1.0
+    top = top or 1.0
     ticks = [tick for tick in MaxNLocator(3).tick_values(0, top) if 0 < tick <= top]
-    axes.set_ylim(0, 1.08 * top if raw else 1.08)
+    axes.set_ylim(0, 1.08 * (top if raw else max(top, 1.0)))
     axes.set_rticks(ticks if raw else [0.5, 1])
     style.number_in_full(axes)
     axes.set_rlabel_position(_free_direction(axes))

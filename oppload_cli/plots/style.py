@@ -265,6 +265,17 @@ def begin_at_zero(axes: Axes) -> None:
         line.set_clip_on(False)
 
 
+def error_bars(
+    axes: Axes,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    deviations: NDArray[np.float64],
+    colour: str,
+) -> None:
+    """Draw a bar of one deviation to each side of each point of a curve."""
+    axes.errorbar(x, y, deviations, fmt="none", ecolor=colour, elinewidth=0.8)
+
+
 def edges_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the n + 1 edges of cells around n rising places; the edges are half-way between them.
 

@@ -15,7 +15,13 @@ from oppload_cli.plots import style
 from oppload_cli.plots.classic import FIGURES
 from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
 from oppload_cli.plots.polar import direction_tuning, direction_tunings, plot_polar
-from oppload_cli.plots.tuning_curves import Request, TuningCurve, described, first_stimulus
+from oppload_cli.plots.tuning_curves import (
+    Request,
+    TuningCurve,
+    averaged,
+    described,
+    first_stimulus,
+)
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import Tuning
 from oppload_cli.stimulus.catalogue import in_toml
@@ -117,14 +123,15 @@ def plot_tuning(
     shown = [_shown(each, kind) for each in tunings]
     request = Request(shown, models, names, title, published, scale == "raw", lplc2)
     figure, axes = _PLOTS[kind](request)
-    _write_below(figure, _settings_lines(tunings, names, title))
+    repeats = [_repeats(*pair, kind) for pair in zip(tunings, shown, strict=True)]
+    _write_below(figure, _settings_lines(tunings, names, title, repeats))
     return figure, axes
 
 
 def kind_of(tuning: Tuning) -> str:
     """Return the kind of the classic figure of a table, or the kind that suits its parameters."""
     figure_kind = tuning.sidecar.get("figure", {}).get("kind")
-    reduced = _reduced(tuning)
+    reduced = averaged(_reduced(tuning))
     single_row = len(reduced.parameters) == 1 < len(tuning.parameters)
     if figure_kind in KINDS and not (single_row and figure_kind in {"heat", "position"}):
         return str(figure_kind)
@@ -138,9 +145,13 @@ def _reduced(tuning: Tuning) -> Tuning:
 
 
 def _shown(tuning: Tuning, kind: str) -> Tuning:
-    """Return a table as a kind of plot takes it: some leave out parameters of a single value."""
+    """Return a table as a kind of plot takes it.
+
+    Some leave out parameters of a single value. Seeds are averaged, except by a heat map over them.
+    """
     crowded = kind == "heat" and len(tuning.parameters) > 2
-    return _reduced(tuning) if crowded or kind in {"polar", "line"} else tuning
+    shown = _reduced(tuning) if crowded or kind in {"polar", "line"} else tuning
+    return shown if kind == "heat" and len(shown.parameters) == 2 else averaged(shown)
 
 
 def lines_of(
@@ -215,17 +226,27 @@ def _title(tunings: Sequence[Tuning], kind: str) -> str:
     return ", ".join(filter(None, (title, through)))
 
 
-def _settings_lines(tunings: Sequence[Tuning], names: Sequence[str], title: str) -> list[str]:
-    """Return lines with preset, working height and all changes: one if all tables agree.
+def _repeats(tuning: Tuning, shown: Tuning, kind: str) -> str:
+    """Return in words over how many seeds a figure averages; empty if it does not average."""
+    if shown.parameters == tuning.parameters or "seed" not in _reduced(tuning).parameters:
+        return ""
+    measures = "mean and standard deviation" if kind in {"line", "polar"} else "mean"
+    return f"{measures} of {tuning.rows['seed'].nunique()} seeds"
+
+
+def _settings_lines(
+    tunings: Sequence[Tuning], names: Sequence[str], title: str, repeats: Sequence[str]
+) -> list[str]:
+    """Return lines with preset, working height, all changes and repeats: one if all tables agree.
 
     An indicator that neither the title nor the name of its table states, because they are the
     user's, is stated too.
     """
     lines = []
-    for tuning, name in zip(tunings, names, strict=True):
+    for tuning, name, repeated in zip(tunings, names, repeats, strict=True):
         indicator = style.indicator_of(tuning.sidecar)
         unstated = "" if indicator in f"{title}, {name}" else indicator
-        lines.append("; ".join(filter(None, (_settings_of(tuning), unstated))))
+        lines.append("; ".join(filter(None, (_settings_of(tuning), unstated, repeated))))
     if len(set(lines)) == 1:
         return [lines[0]] if lines[0] else []
     return [f"{name}: {line}" for name, line in zip(names, lines, strict=True) if line]
@@ -309,12 +330,16 @@ def _draw_line(
     panel: Axes, curve: TuningCurve, parameter: str, look: dict[str, Any], *, raw: bool = False
 ) -> None:
     """Draw a curve divided by its largest peak, or raw; thin and grey if it means little."""
-    faint = {"color": style.FAINT, "lw": 0.7, "markersize": 2}
-    shown = faint if curve.doubts else {"markersize": 3}
+    look = look | {"markersize": 3}
+    if curve.doubts:
+        look |= {"color": style.FAINT, "lw": 0.7, "markersize": 2}
     values = curve.rows[parameter].to_numpy(float)
     order = np.argsort(values, kind="stable")  # the values of a sweep may be in any order
     peaks = curve.peaks[order] / (1.0 if raw else curve.largest or 1.0)
-    panel.plot(values[order], peaks, **look | shown, label=curve.label)
+    panel.plot(values[order], peaks, **look, label=curve.label)
+    if curve.deviations is not None:
+        bars = curve.deviations[order] / (1.0 if raw else curve.largest or 1.0)
+        style.error_bars(panel, values[order], peaks, bars, look["color"])
     style.begin_at_zero(panel)
     if raw:
         style.number_in_full(panel)

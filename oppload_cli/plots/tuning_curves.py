@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Series, Tuning
 
 
+_SEED = "seed"  # a sweep over it repeats a stimulus with other random numbers
+_DEVIATION = "peak_deviation"
+
+
 class TuningCurve(NamedTuple):
     """The peaks of one detector in a table: a curve of a figure, or a panel."""
 
@@ -35,6 +40,11 @@ class TuningCurve(NamedTuple):
     def peaks(self) -> Series:
         """The peak in each row."""
         return self.rows["peak"].to_numpy(float)
+
+    @property
+    def deviations(self) -> Series | None:
+        """The standard deviation of each peak over the seeds; None if it is no mean."""
+        return self.rows[_DEVIATION].to_numpy(float) if _DEVIATION in self.rows else None
 
     @property
     def largest(self) -> float:
@@ -104,6 +114,21 @@ class Request(NamedTuple):
         if others:
             raise ResultError(f"{others[0].path}: {figure} shows one table; plot them separately")
         return sorted(self.curves(), key=lambda curve: tuning.models.index(curve.detector.name))
+
+
+def averaged(tuning: Tuning) -> Tuning:
+    """Return a table with the means over the seeds, if it sweeps another parameter too.
+
+    A column holds the standard deviations of the peaks, with n - 1 in the denominator.
+    """
+    others = [name for name in tuning.parameters if name != _SEED]
+    if not others or len(others) == len(tuning.parameters):
+        return tuning
+    groups = tuning.rows.groupby([*others, "model"], sort=False, dropna=False)
+    means = groups.mean(numeric_only=True).drop(columns=_SEED)
+    means[_DEVIATION] = groups["peak"].std()
+    means["stimulus"] = groups["stimulus"].first()
+    return replace(tuning, rows=means.reset_index(), parameters=tuple(others))
 
 
 def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:

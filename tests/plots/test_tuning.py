@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from matplotlib.artist import getp
+from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.text import Text
@@ -186,6 +187,26 @@ def test_raw_peaks_have_complete_numbers_along_their_axis(tmp_path: Path) -> Non
     boxes = [panel.get_window_extent() for panel in panels]
     assert min(box.height for box in boxes) / figure.dpi > 0.5  # inches
     assert figure.get_supylabel() == "peak response"
+
+
+@pytest.mark.parametrize(("kind", "key"), [("line", "effects.noise"), ("polar", "bar.axis_deg")])
+def test_seeds_are_averaged_with_bars_of_their_deviation(
+    kind: str, key: str, tmp_path: Path
+) -> None:
+    peaks = [1.0, 3, 10, 4, 2, 2]
+    swept = {key: [0.0, 0, 30, 30, 60, 60], "seed": [1.0, 2, 1, 2, 1, 2]}
+    table = made(tmp_path, swept, {"opplod": peaks}, preset="reference")
+    figure, (panel,) = plot_tuning(table, scale="raw", lplc2="none")
+    np.testing.assert_allclose(y_of(panel.lines[0]), [2, 7, 2])
+    (bars,) = (each for each in panel.collections if isinstance(each, LineCollection))
+    ends = np.array([[low[1], high[1]] for low, high in bars.get_segments()])
+    np.testing.assert_allclose(ends.mean(axis=1), [2, 7, 2])
+    np.testing.assert_allclose(np.ptp(ends, axis=1) / 2, [2**0.5, 18**0.5, 0])
+    assert panel.get_ylim()[1] > ends.max()
+    assert figure.texts[-1].get_text().endswith("; mean and standard deviation of 2 seeds")
+    figure, (panel,) = plot_tuning(table, "heat")
+    assert np.asarray(panel.images[0].get_array()).shape == (2, 3)
+    assert "seeds" not in figure.texts[-1].get_text()
 
 
 def test_large_peaks_have_no_exponent(tmp_path: Path) -> None:
