@@ -8,6 +8,7 @@ from itertools import cycle, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
 
 from oppload_cli.errors import ParameterError, ResultError
@@ -27,7 +28,7 @@ from oppload_cli.results.reading import Tuning
 from oppload_cli.stimulus.catalogue import in_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
@@ -294,10 +295,11 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak over one swept parameter; raw peaks have a panel for each detector."""
     tunings, raw, title = request.tunings, request.raw, request.title
     parameter = _parameter(tunings)
+    places = _places(tunings, parameter)
     names = list(request.models) or list(dict.fromkeys(m for each in tunings for m in each.models))
     curves = request._replace(models=names).curves()
     if len(curves) > _MOST_LINES or (raw and len(names) > style.FEW):
-        return _plot_small_lines(curves, parameter, title, raw=raw)
+        return _plot_small_lines(curves, parameter, places, title, raw=raw)
     groups = [request._replace(models=[name]).curves() for name in names] if raw else [curves]
     lines = sum(1 + curve.label.count("\n") for curve in curves)
     many = not raw and len(names) > style.FEW
@@ -311,7 +313,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
                 look = dict(curve.look)
                 if curve.doubts:
                     look["fillstyle"], look["linestyle"] = next(grey)
-                _draw_line(panel, curve, parameter, look, raw=raw)
+                _draw_line(panel, curve, parameter, places, look, raw=raw)
             unit = style.plain(group[0].detector.unit)
             panel.set_ylabel(f"peak response ({unit})" if raw else "peak / largest peak")
             if not many:
@@ -327,13 +329,28 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
 
 
 def _draw_line(
-    panel: Axes, curve: TuningCurve, parameter: str, look: dict[str, Any], *, raw: bool = False
+    panel: Axes,
+    curve: TuningCurve,
+    parameter: str,
+    places: Mapping[str, int],
+    look: dict[str, Any],
+    *,
+    raw: bool = False,
 ) -> None:
-    """Draw a curve divided by its largest peak, or raw; thin and grey if it means little."""
+    """Draw a curve divided by its largest peak, or raw; thin and grey if it means little.
+
+    Texts have `places` along the axis, and no line between their points.
+    """
     look = look | {"markersize": 3}
     if curve.doubts:
         look |= {"color": style.FAINT, "lw": 0.7, "markersize": 2}
-    values = curve.rows[parameter].to_numpy(float)
+    column = curve.rows[parameter]
+    if places:
+        look["linestyle"] = "none"
+        column = column.astype(str).map(places)
+        panel.set_xticks(list(places.values()), list(places))
+        panel.set_xlim(-0.5, len(places) - 0.5)
+    values = column.to_numpy(float)
     order = np.argsort(values, kind="stable")  # the values of a sweep may be in any order
     peaks = curve.peaks[order] / (1.0 if raw else curve.largest or 1.0)
     panel.plot(values[order], peaks, **look, label=curve.label)
@@ -346,13 +363,18 @@ def _draw_line(
 
 
 def _plot_small_lines(
-    curves: Sequence[TuningCurve], parameter: str, title: str, *, raw: bool
+    curves: Sequence[TuningCurve],
+    parameter: str,
+    places: Mapping[str, int],
+    title: str,
+    *,
+    raw: bool,
 ) -> tuple[Figure, list[Axes]]:
     """Draw a small panel for each curve, divided by its largest peak, or raw."""
     with _small_panels(len(curves), 1.5, title, one_scale=not raw) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             look = {"color": curve.detector.colour, "marker": "o"}
-            _draw_line(panel, curve, parameter, look, raw=raw)
+            _draw_line(panel, curve, parameter, places, look, raw=raw)
             _name_small(panel, curve, curve.largest)
         figure.supxlabel(described(parameter), fontsize=7.5)
         figure.supylabel("peak response" if raw else "peak / largest peak", fontsize=7.5)
@@ -388,20 +410,23 @@ def _parameter(tunings: Sequence[Tuning]) -> str:
         advice = "draw kind 'heat'" if two else "a plot shows two at most"
         raise ResultError(f"{first.path}: columns {columns} are swept; {advice}")
     parameter = first.parameters[0]
-    texts = [value for value in first.rows[parameter] if isinstance(value, str | bool)]
-    if texts:
-        raise ResultError(
-            f"{first.path}: column '{parameter}' holds texts such as '{texts[0]}'; "
-            "a line needs numbers"
-        )
     for tuning in tunings:
         if tuning.parameters != first.parameters:
             raise ResultError(
                 f"{tuning.path}: has no column '{parameter}' as {first.path} has; "
                 "plot them separately"
             )
-        check_numbers(tuning.path, tuning.rows, parameter)
     return parameter
+
+
+def _places(tunings: Sequence[Tuning], parameter: str) -> dict[str, int]:
+    """Return the places of texts, such as ``forward``, along an axis; none for numbers."""
+    values = pd.concat([tuning.rows[parameter].astype(str) for tuning in tunings])
+    if pd.to_numeric(values, errors="coerce").isna().all():
+        return {text: place for place, text in enumerate(values.unique())}
+    for tuning in tunings:
+        check_numbers(tuning.path, tuning.rows, parameter)
+    return {}
 
 
 def _plot_heat(request: Request) -> tuple[Figure, list[Axes]]:

@@ -23,6 +23,7 @@ from oppload_cli.models.registry import (
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
+from oppload_cli.schema import parsed_fraction
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.truth import frame_truth
 from oppload_cli.tuning.present import Condition, Measures, measure, present, seen_in
@@ -227,11 +228,13 @@ def _changed(settings: Settings, resolved: Mapping[str, Parameters], height: int
 
 
 def _cells(values: dict[str, Any]) -> dict[str, Cell]:
-    """Return the values of a condition by column; a position becomes two columns."""
+    """Return the values of a condition by column; a position or a direction becomes two columns."""
     cells: dict[str, Cell] = {}
     for key, value in values.items():
-        if isinstance(value, list) and len(value) == 2:
+        if key.endswith((".centre_deg", ".bearing_deg")):
             cells[f"{key}.right"], cells[f"{key}.up"] = value
+        elif key.endswith(".frame_rate"):  # a number, or a fraction as text
+            cells[key] = float(parsed_fraction(str(value)))
         else:
             number = isinstance(value, int | float) and not isinstance(value, bool)
             cells[key] = value if number else str(value)

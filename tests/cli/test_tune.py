@@ -5,6 +5,7 @@ import re
 from typing import TYPE_CHECKING
 
 import pytest
+from pandas import read_csv
 
 from tests.cli.inside import Done, oppload
 from tests.results.make import rows_of
@@ -98,12 +99,15 @@ def test_a_detector_that_hardly_responds_is_named(stimulus: Path, tmp_path: Path
 def test_a_sweep_that_no_plot_shows_leaves_its_table(stimulus: Path, tmp_path: Path) -> None:
     done = oppload(
         "tune", stimulus, "-o", tmp_path / "out", "--jobs", "1", "--model", "opplod",
-        "--over", 'disk.appears=["start","onset"]', "--height", "60",
+        "--over", 'disk.appears=["start","onset"]', "--over", "disk.luminance=0,0.1",
+        "--over", 'display.frame_rate=["30000/1001",25]', "--height", "60",
     )  # fmt: skip
     names = ["disk.tuning.csv", "disk.tuning.json"]
     assert (done.returncode, done.stdout.split()) == (0, [str(tmp_path / "out" / n) for n in names])
     assert "no plot: " in done.stderr
-    assert "holds texts such as 'start'" in done.stderr
+    assert "are swept; a plot shows two at most" in done.stderr
+    rates = read_csv(tmp_path / "out" / names[0])["display.frame_rate"]
+    assert rates.tolist() == [29.97003, 25] * 4  # numbers for other programs
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     assert "oppload: disk.growth.speed_deg_s stays at 25; to sweep it as well" in done.stderr
 

@@ -27,7 +27,7 @@ from oppload_cli.stimulus.catalogue import find
 from tests.results.make import write_tuning
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.lines import Line2D
@@ -41,7 +41,10 @@ L_OVER_V = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
 
 
 def made(
-    folder: Path, values: dict[str, list[float]], peaks: dict[str, list[float]], **more: Any
+    folder: Path,
+    values: Mapping[str, Sequence[float | str]],
+    peaks: dict[str, list[float]],
+    **more: Any,
 ) -> Tuning:
     return read_tuning(write_tuning(folder / "a.tuning.csv", values, peaks, **more))
 
@@ -380,11 +383,9 @@ def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: P
         plot_tuning([tuning], "polar")
     with pytest.raises(ResultError, match=r"sweeps disk\.size_deg; a heat map needs two"):
         plot_tuning([tuning], "heat")
-    switch = tmp_path / "switch.tuning.csv"
-    rows = "s/1,True,opplod,1\ns/2,False,opplod,2\n"
-    switch.write_text(f"stimulus,effects.invert,model,peak\n{rows}")
-    with pytest.raises(ResultError, match=r"'effects\.invert' holds texts such as 'True'; a line"):
-        plot_tuning(read_tuning(switch), "line")
+    damaged = made(tmp_path, {"disk.size_deg": ["5", "many"]}, {"opplod": [1.0, 2]})
+    with pytest.raises(ResultError, match=r"holds 'many' in line 3, which is not a finite number"):
+        plot_tuning(damaged, "line")
     values = {"disk.growth.speed_deg_s": [10.0, 20], "disk.size_deg": [5.0, 9]}
     with pytest.raises(ResultError, match=r"no column of a direction.*draw kind 'heat'"):
         plot_tuning(made(tmp_path, values, {"opplod": [1.0, 2]}), "polar")
@@ -392,6 +393,15 @@ def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: P
     for table in (tuning, axes):  # as a line, and as a polar plot
         with pytest.raises(ResultError, match="column 'model' never holds 'dlgmd'; leave it out"):
             plot_tuning(table, models=["dlgmd"])
+
+
+@pytest.mark.parametrize("words", [["True", "False"], ["both", "forward"]])
+def test_words_stand_side_by_side_without_a_line(words: list[str], tmp_path: Path) -> None:
+    table = made(tmp_path, {"bar.growth.sides": words}, {"opplod": [1.0, 2], "dlgmd": [4.0, 3]})
+    _, (panel,) = plot_tuning(table)
+    assert [label.get_text() for label in panel.get_xticklabels()] == words
+    assert {line.get_linestyle() for line in panel.lines} == {"None"}
+    np.testing.assert_allclose([y_of(line) for line in panel.lines], [[0.5, 1], [1, 0.75]])
 
 
 def test_a_classic_figure_of_another_kind_has_the_title_of_its_stimulus(tmp_path: Path) -> None:
