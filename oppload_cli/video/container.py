@@ -91,6 +91,7 @@ if av.logging.get_level() is None:  # PyAV counts the decoders' errors only if a
     # Otherwise threads of a decoder that was never closed would wait for the ended interpreter.
     atexit.register(av.logging.set_level, None)
 _LFS_POINTER = b"version https://git-lfs"  # such a file stands for one that was not fetched
+_ARRAYS = {".npy", ".npz", ".mat"}  # files of NumPy and MATLAB
 _RTP_ADVICE = (
     "try ffmpeg -protocol_whitelist file,rtp,udp -i FILE.sdp -c copy -f matroska - | "
     "oppload run /dev/stdin"
@@ -257,6 +258,11 @@ class ContainerSource(PictureSource):
             return
         if size == 0:
             raise SourceError(f"{self.name}: the file is empty; copy or record it again")
+        if path.suffix.lower() in _ARRAYS:
+            raise SourceError(
+                f"{self.name}: holds arrays, not a video; load its frames in Python, and give them "
+                "to oppload_cli.run(frames, rate=...)"
+            )
         # If the file cannot be read, opening the video raises the error.
         with suppress(OSError), path.open("rb") as file:
             if file.read(len(_LFS_POINTER)) == _LFS_POINTER:

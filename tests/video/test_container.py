@@ -602,18 +602,24 @@ def test_a_picture_of_many_bits_counts_as_more_pixels(
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("name", "content", "message"),
     [
-        (None, "no such file"),
-        (b"", "the file is empty"),
-        (b"version https://git-lfs.github.com/spec/v1\noid sha256:1\n", "is a pointer of Git LFS"),
-        (b"this is a shopping list\n" * 50, "not a video that can be read"),
+        ("a.mp4", None, "no such file"),
+        ("a.npz", None, "no such file"),
+        ("a.mp4", b"", "the file is empty"),
+        (
+            "a.mp4",
+            b"version https://git-lfs.github.com/spec/v1\noid sha256:1\n",
+            "is a pointer of Git LFS",
+        ),
+        ("a.mp4", b"this is a shopping list\n" * 50, "not a video that can be read"),
+        ("a.NPZ", b"PK\x03\x04", "holds arrays, not a video; load its frames in Python, and give"),
     ],
 )
 def test_the_error_names_a_file_that_is_no_video(
-    tmp_path: Path, content: bytes | None, message: str
+    tmp_path: Path, name: str, content: bytes | None, message: str
 ) -> None:
-    path = tmp_path / "a.mp4"
+    path = tmp_path / name
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(SourceError, match=message) as caught:
