@@ -118,6 +118,16 @@ def check_protocol(protocol: object) -> None:
         )
 
 
+def check_frame(protocol: Protocol, frame: int) -> None:
+    """Raise a StimulusError if a protocol has no frame of this number."""
+    check_protocol(protocol)
+    if not 0 <= frame < protocol.frame_count:
+        raise StimulusError(
+            f"{protocol.name}: has no frame {frame}; give a number from 0 to "
+            f"{protocol.frame_count - 1}"
+        )
+
+
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of a protocol file, for editors that complete and check TOML."""
     schema = _table_schema(Protocol)

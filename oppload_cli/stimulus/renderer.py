@@ -31,7 +31,7 @@ from oppload_cli.stimulus.patterns import (
     sine_wave,
     square_wave,
 )
-from oppload_cli.stimulus.protocol import Protocol, check_protocol
+from oppload_cli.stimulus.protocol import Protocol, check_frame, check_protocol
 from oppload_cli.stimulus.staging import View, camera_of, sight_of
 from oppload_cli.stimulus.surfaces import Surface
 from oppload_cli.stimulus.truth import FrameTruth, frame_truth
@@ -133,7 +133,13 @@ class Renderer:
         -------
         ndarray
             float32 (h, w), 0 to 1.
+
+        Raises
+        ------
+        StimulusError
+            If there is no such frame.
         """
+        check_frame(self.protocol, frame)
         effects = self.protocol.effects
         time = self.protocol.time_of(frame)
         picture = self._blurred(time) if effects.shutter else self._picture(time, time)

@@ -13,7 +13,7 @@ from oppload_cli.stimulus.geometry import Pose, Projection
 from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
 from oppload_cli.stimulus.objects import FIELDS, PICTURE, SIZED, Object
 from oppload_cli.stimulus.patterns import cutout_of
-from oppload_cli.stimulus.protocol import Protocol, check_protocol
+from oppload_cli.stimulus.protocol import Protocol, check_frame, check_protocol
 from oppload_cli.stimulus.staging import NEAREST_M, camera_of, contact_of, miss_of, sight_of
 from oppload_cli.version import __version__
 
@@ -123,6 +123,11 @@ def frame_truth(protocol: Protocol, frame: int) -> FrameTruth:
     frame : int
         Number of the frame, from 0 to `frame_count` of the protocol minus 1.
 
+    Raises
+    ------
+    StimulusError
+        If there is no such frame.
+
     Examples
     --------
     >>> from oppload_cli import stimulus
@@ -130,6 +135,7 @@ def frame_truth(protocol: Protocol, frame: int) -> FrameTruth:
     >>> truth.time_s, truth.looming, round(truth.objects[0].time_to_contact_s, 3)
     (0.5, True, 1.1)
     """
+    check_frame(protocol, frame)
     time = protocol.time_of(frame)
     objects = tuple(
         _picture_truth(protocol, obj, time)

@@ -446,3 +446,14 @@ def test_a_frame_is_found_in_a_list() -> None:
     protocol = made(Object(id="f", kind="field"))
     first, again = (next(stimulus.frames(protocol)) for _ in range(2))
     assert [first, again].index(again) == 1
+
+
+@pytest.mark.parametrize("frame", [-1, 30])
+def test_a_frame_outside_the_clip_is_refused(frame: int) -> None:
+    """Without this check, -1 would be a frame before the first one, not the last one."""
+    protocol = made(Object(id="disk", kind="disk", size_deg=10.0))
+    assert protocol.frame_count == 30
+    with pytest.raises(StimulusError, match=rf"has no frame {frame}; give a number from 0 to 29"):
+        Renderer(protocol).grey(frame)
+    with pytest.raises(StimulusError, match=rf"has no frame {frame}; give a number from 0 to 29"):
+        stimulus.frame_truth(protocol, frame)
