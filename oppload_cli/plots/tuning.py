@@ -350,6 +350,8 @@ def _draw_line(
         column = column.astype(str).map(places)
         panel.set_xticks(list(places.values()), list(places))
         panel.set_xlim(-0.5, len(places) - 0.5)
+    elif parameter == "seed":
+        panel.locator_params(axis="x", integer=True)
     values = column.to_numpy(float)
     order = np.argsort(values, kind="stable")  # the values of a sweep may be in any order
     peaks = curve.peaks[order] / (1.0 if raw else curve.largest or 1.0)
