@@ -120,8 +120,13 @@ class _Layout(ConstrainedLayoutEngine):
             axes.set_in_layout(True)  # set_position takes the panel out of the layout
 
 
-class _NotebookFigure(Figure):
+class _Figure(Figure):
     """A figure that notebooks show, although pyplot, which changes settings, does not know it."""
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        """Save the figure in the style: with matplotlib's own, PDF files hold Type 3 fonts."""
+        with _style(), _quiet_fonts():
+            super().savefig(fname, **options)
 
     def _repr_png_(self) -> bytes:
         return image_bytes(self, "png", _SCREEN_DPI)
@@ -134,7 +139,7 @@ def styled_figure(width: float, height: float) -> Iterator[Figure]:
     The figure is at most as high as a page.
     """
     with _style():
-        yield _NotebookFigure(figsize=(width, min(MOST_HEIGHT, height)), layout=_Layout())
+        yield _Figure(figsize=(width, min(MOST_HEIGHT, height)), layout=_Layout())
 
 
 def panel_grid(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:
@@ -319,8 +324,7 @@ def save(figure: Figure, path: Path) -> None:
 def image_bytes(figure: Figure, form: str, dpi: float | None = None) -> bytes:
     """Return a figure as the content of a file: ``png``, ``svg`` or ``pdf``."""
     image = io.BytesIO()
-    with _style(), _quiet_fonts():
-        figure.savefig(image, format=form, metadata=METADATA[f".{form}"], dpi=dpi)
+    figure.savefig(image, format=form, metadata=METADATA[f".{form}"], dpi=dpi)
     return image.getvalue()
 
 

@@ -124,3 +124,12 @@ def test_characters_come_from_another_font_where_the_usual_one_lacks_them(
         other.text(0, 0, f"{combined}\n\U00012000")
     assert missing_characters(other) == "\U00012000"
     assert image_bytes(other, "png") != boxes
+
+
+def test_pdf_files_from_python_hold_fonts_that_can_be_edited(tmp_path: Path) -> None:
+    with styled_figure(2, 1) as figure:
+        figure.text(0, 0, "a")
+    figure.savefig(tmp_path / "a.pdf")
+    content = (tmp_path / "a.pdf").read_bytes()
+    assert b"/CIDFontType2" in content
+    assert b"/Type3" not in content
