@@ -167,8 +167,12 @@ class Tuning:
         return self.sidecar.get("stimulus", {}).get("symmetric") is True
 
     def of(self, model: str) -> pd.DataFrame:
-        """Return the rows of one detector, in their order."""
-        return self.rows[self.rows["model"] == model].reset_index(drop=True)
+        """Return the rows of one detector, in their order, without those that have no peak.
+
+        A stimulus that ends during the warm-up of the detector has no peak.
+        """
+        chosen = (self.rows["model"] == model) & self.rows["peak"].notna()
+        return self.rows[chosen].reset_index(drop=True)
 
 
 def direction_of(parameters: Iterable[str]) -> str | None:
@@ -309,7 +313,8 @@ def read_tuning(path: str | Path) -> Tuning:
     Raises
     ------
     ResultError
-        If the table cannot be read, a column is missing or a cell is not a number.
+        If the table cannot be read, a column is missing, a cell is not a number or a detector has
+        no peak.
 
     Examples
     --------
@@ -332,7 +337,9 @@ def read_tuning(path: str | Path) -> Tuning:
     if unknown:
         raise _unknown_detector(path, unknown[0])
     peaks = check_numbers(path, rows, "peak")
-    check_filled(path, "peak", peaks, "make the stimulus longer than the warm-up of the detector")
+    if set(rows["model"]) - set(rows["model"][~np.isnan(peaks)]):  # a detector without any peak
+        advice = "make the stimulus longer than the warm-up of the detector"
+        check_filled(path, "peak", peaks, advice)
     return Tuning(path, rows, parameters, _sidecar(path.with_suffix(".json")))
 
 

@@ -212,6 +212,24 @@ def test_seeds_are_averaged_with_bars_of_their_deviation(
     assert "seeds" not in figure.texts[-1].get_text()
 
 
+@pytest.mark.parametrize(("kind", "size"), [("line", 1), ("heat", 2)])
+def test_a_condition_that_ends_during_the_warm_up_is_left_out(
+    kind: str, size: int, tmp_path: Path
+) -> None:
+    swept: dict[str, list[float]] = {
+        "timing.motion_s": [0.05, 0.5, 1, 2],
+        "disk.size_deg": [5.0, 5, 9, 9],
+    }
+    table = made(tmp_path, dict(list(swept.items())[:size]), {"opplod": [np.nan, 2, 1, 0]})
+    (panel,) = plot_tuning(table, kind)[1]
+    if kind == "line":
+        points = np.asarray(panel.lines[0].get_xydata(), float)
+        np.testing.assert_allclose(points, [[0.5, 1.0], [1.0, 0.5], [2.0, 0.0]])
+    else:
+        shown = np.ma.MaskedArray(panel.images[0].get_array()).filled(np.nan)
+        np.testing.assert_allclose(shown, [[1, np.nan, np.nan], [np.nan, 0.5, 0]])
+
+
 def test_large_peaks_have_no_exponent(tmp_path: Path) -> None:
     values = {"disk.size_deg": [10.0, 20, 30]}
     _, (panel,) = plot_tuning(made(tmp_path, values, {"hua_fixed": [5150.4, 2, 1]}))

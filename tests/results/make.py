@@ -74,9 +74,10 @@ def write_tuning(
             for key, each in values.items()
         }
         for model, each in peaks.items():
+            peak = f"{each[index]:.9g}".replace("nan", "")
             rows.append(
                 {"stimulus": f"{name}/{index}", **condition}
-                | {"model": model, "peak": f"{each[index]:.9g}", "mean": "0.1"}
+                | {"model": model, "peak": peak, "mean": "0.1"}
             )
     content = {"stimulus": {"name": name, "symmetric": symmetric}} | sidecar
     path.with_suffix(".json").write_text(json.dumps(content))
