@@ -12,8 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from oppload_cli.stimulus.geometry import Pose, Projection, corners_of
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    from oppload_cli.stimulus.objects import Object
 
     Floats = NDArray[np.float64]
     Picture = NDArray[np.float32]
@@ -45,6 +49,21 @@ class Window:
     def slices(self) -> tuple[slice, slice]:
         """The rows and columns of the window, as an index of a picture."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
+
+
+def shape_coverage(projection: Projection, obj: Object, pose: Pose) -> tuple[Window, Floats]:
+    """Return the area coverage of a shape in a pose, as :func:`polygon_coverage` does."""
+    if obj.kind not in {"disk", "patch", "ring"}:
+        return polygon_coverage(corners_of(projection, obj, pose), *projection.shape)
+    (x, y), (ahead, behind) = projection.middle_of(pose)
+    window, coverage = disk_coverage(x, y, (ahead + behind) / 2, *projection.shape)
+    inner = pose.extent.size / 2 - (obj.width_deg or 0.0)
+    if obj.kind == "ring" and inner > 0:
+        hole, open_share = disk_coverage(x, y, projection.reach(inner), *projection.shape)
+        rows = slice(hole.top - window.top, hole.bottom - window.top)
+        columns = slice(hole.left - window.left, hole.right - window.left)
+        coverage[rows, columns] -= open_share
+    return window, np.maximum(coverage, 0.0)
 
 
 def polygon_coverage(corners: ArrayLike, height: int, width: int) -> tuple[Window, Floats]:

@@ -11,11 +11,20 @@ import itertools
 import math
 import random
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from oppload_cli.stimulus.courses import HIT_SIZES
 from oppload_cli.stimulus.geometry import Extent, Pose, Projection
-from oppload_cli.stimulus.objects import FIELDS, LOOMING, Brightness, Growth, Motion, Object
+from oppload_cli.stimulus.objects import (
+    FIELDS,
+    LOOMING,
+    SIZED,
+    Brightness,
+    Growth,
+    Motion,
+    Object,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,19 +58,22 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     speed = extent.forward_speed + extent.backward_speed
     contact = contact_of_shape(protocol, obj) if moving else None
     scene_turn = _scene_turn(protocol, time)
-    return Pose(
+    pose = Pose(
         visible=is_drawn(protocol, obj, time),
         centre_deg=centre,
         velocity_deg_s=moved,
         orientation_deg=obj.axis_deg + turn + scene_turn,
         extent=extent,
-        luminance=_luminance_at(protocol, obj, time),
+        luminance=obj.base_luminance,
         zoom=math.exp(obj.motion.zoom_per_s * phase) if obj.motion else 1.0,
         travel_deg=travel,
         scene_turn_deg=scene_turn,
         contact_in_s=None if contact is None else contact - time,
         looming=obj.kind in LOOMING and speed > 0 and not _passes(protocol, obj),
     )
+    if obj.brightness is None:
+        return pose
+    return replace(pose, luminance=_luminance_at(protocol, obj, obj.brightness, time, pose))
 
 
 def aperture_centre(protocol: ProtocolTables, obj: Object) -> tuple[float, float]:
@@ -212,14 +224,14 @@ def _movement(
     return (x, y), (x_speed, y_speed), motion.rotation_deg_s * elapsed
 
 
-def _luminance_at(protocol: ProtocolTables, obj: Object, time: float) -> float:
-    """Return the luminance of an object at a time, in seconds of the clip."""
-    brightness, base = obj.brightness, obj.base_luminance
+def _luminance_at(
+    protocol: ProtocolTables, obj: Object, brightness: Brightness, time: float, pose: Pose
+) -> float:
+    """Return the luminance of an object in a pose at a time, in seconds of the clip."""
+    base = obj.base_luminance
     start, end = protocol.motion_of(obj)
     elapsed = min(time, end) - start
-    if brightness is None or (
-        brightness.kind != "approach" and elapsed + ROUNDING_S < brightness.start_s
-    ):
+    if brightness.kind != "approach" and elapsed + ROUNDING_S < brightness.start_s:
         return base
     since = max(elapsed - brightness.start_s, 0.0)
     if brightness.kind == "step":
@@ -229,7 +241,7 @@ def _luminance_at(protocol: ProtocolTables, obj: Object, time: float) -> float:
         share = min(since / length, 1.0)
     elif brightness.kind == "approach":
         contact = end if brightness.contact_s is None else brightness.contact_s
-        share = _share_of_largest(protocol, brightness, contact - start - since)
+        share = _share_of_largest(protocol, obj, brightness, contact - start - since, pose)
     else:
         cycle = since * (brightness.frequency_hz or 0.0)
         if brightness.waveform == "sine":
@@ -239,10 +251,34 @@ def _luminance_at(protocol: ProtocolTables, obj: Object, time: float) -> float:
     return base + (brightness.to - base) * share
 
 
-def _share_of_largest(protocol: ProtocolTables, approach: Brightness, remaining: float) -> float:
-    """Return the area of an approaching shape on the display, divided by its largest area."""
-    projection, half = Projection.of(protocol.display), _approach(approach, remaining).forward
-    return (projection.reach(half) / projection.reach((approach.most_deg or 180.0) / 2)) ** 2
+def _share_of_largest(
+    protocol: ProtocolTables, obj: Object, approach: Brightness, remaining: float, pose: Pose
+) -> float:
+    """Return the area of an approaching shape on the display, divided by its largest area there.
+
+    The shape is that of the object; in place of a pattern or an edge, a disk approaches.
+    """
+    projection, half = Projection.of(protocol.display), (approach.most_deg or 180.0) / 2
+    area, largest = (
+        _area_on_display(projection, obj, replace(pose, extent=extent))
+        for extent in (_approach(approach, remaining), Extent(half, half))
+    )
+    # On the display, a ring may have been larger before.
+    return min(area / largest, 1.0) if largest else 1.0
+
+
+@lru_cache(256)  # the ground truth and the picture of a frame ask for the same areas
+def _area_on_display(projection: Projection, obj: Object, pose: Pose) -> float:
+    """Return the area in px that a shape covers, or, for a pattern or an edge, a disk."""
+    from oppload_cli.stimulus.coverage import (  # noqa: PLC0415 - the catalogue needs no NumPy
+        disk_coverage,
+        shape_coverage,
+    )
+
+    if obj.kind in SIZED:
+        return float(shape_coverage(projection, obj, pose)[1].sum())
+    place, radius = projection.to_px(*pose.centre_deg), projection.reach(pose.extent.forward)
+    return float(disk_coverage(*place, radius, *projection.shape)[1].sum())
 
 
 def _path(motion: Motion, elapsed: float, backwards: bool) -> tuple[_Vector, _Vector]:

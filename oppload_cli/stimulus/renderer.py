@@ -16,8 +16,8 @@ import numpy as np
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.background import Drawn, background_of
 from oppload_cli.stimulus.courses import AHEAD, RIGHT, UP
-from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
-from oppload_cli.stimulus.geometry import Pose, Projection, corners_of, exact
+from oppload_cli.stimulus.coverage import Window, disk_coverage, shape_coverage
+from oppload_cli.stimulus.geometry import Pose, Projection, exact
 from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
 from oppload_cli.stimulus.objects import GRATINGS, PICTURE, Object
 from oppload_cli.stimulus.patterns import (
@@ -227,19 +227,8 @@ class _Painter:
         return np.array(pose.luminance, dtype=np.float32)
 
     def _coverage(self, pose: Pose) -> tuple[Window, Floats]:
-        """Return the share of each pixel that the shape covers."""
-        size = self.projection.shape
-        if self.obj.kind not in {"disk", "patch", "ring"}:
-            return polygon_coverage(corners_of(self.projection, self.obj, pose), *size)
-        (x, y), (ahead, behind) = self.projection.middle_of(pose)
-        window, coverage = disk_coverage(x, y, (ahead + behind) / 2, *size)
-        inner = pose.extent.size / 2 - (self.obj.width_deg or 0.0)
-        if self.obj.kind == "ring" and inner > 0:
-            hole, open_share = disk_coverage(x, y, self.projection.reach(inner), *size)
-            rows = slice(hole.top - window.top, hole.bottom - window.top)
-            columns = slice(hole.left - window.left, hole.right - window.left)
-            coverage[rows, columns] -= open_share
-        return window, np.maximum(coverage, 0.0)
+        """Return the share of each pixel that the object covers."""
+        return shape_coverage(self.projection, self.obj, pose)
 
 
 class _PatchPainter(_Painter):

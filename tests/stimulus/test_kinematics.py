@@ -400,6 +400,30 @@ def test_brightness() -> None:
 
 
 @pytest.mark.parametrize("projection", ["flat", "perspective"])
+@pytest.mark.parametrize("kind", ["disk", "square"])
+def test_a_shape_that_dims_gives_as_much_light_beyond_the_display_too(
+    kind: str, projection: str
+) -> None:
+    display = Display(width=120, height=90, pixels_per_degree=2, projection=projection)
+    approach: dict[str, Any] = {"l_over_v_ms": 60, "most_deg": 100}
+    where: dict[str, Any] = {
+        "centre_deg": (20.0, -8.0),
+        "axis_deg": 30.0,
+        "id": "shape",
+        "kind": kind,
+    }
+    near = Object(**where, luminance=0.1, growth=Growth(kind="approach", **approach))
+    dimming = Brightness(kind="approach", to=0.1, **approach)
+    still = Object(**where, luminance=1.0, size_deg=100, brightness=dimming)
+    one, other = (
+        Renderer(Protocol(display=display, timing=Timing(motion_s=1.0), objects=(obj,)))
+        for obj in (near, still)
+    )
+    light = [[float(each.luminance(i).sum()) for i in range(30)] for each in (one, other)]
+    assert light[1] == pytest.approx(light[0], rel=1e-5)
+
+
+@pytest.mark.parametrize("projection", ["flat", "perspective"])
 def test_a_disk_that_dims_as_another_approaches_gives_as_much_light(projection: str) -> None:
     approach: dict[str, Any] = {"l_over_v_ms": 60, "least_deg": 8, "most_deg": 40}
     display = Display(
