@@ -290,8 +290,8 @@ def key_of(
         return word
     if word not in WORDS:
         words = (*WORDS, _SEED)
-        hint = suggestion(word, words)
-        hint += "" if nearest(word, words) else ", or a key such as ID.size_deg"
+        hint = _full_keys(word, table) or suggestion(word, words)
+        hint += "" if "did you mean" in hint else ", or a key such as ID.size_deg"
         raise ParameterError(f"{option} {word}: no parameter '{word}'{hint}")
     found = _meant(word, table, sweep)
     if len(found) == 1:
@@ -332,6 +332,25 @@ def _objects_of(table: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
 
 
+def _full_keys(word: str, table: Mapping[str, Any]) -> str:
+    """Return a hint with the keys of a stimulus that end with a word; empty if there are none.
+
+    The word may lack the unit: ``before`` stands for ``timing.before_s``.
+    """
+    owners: list[tuple[Any, type[Table], Any]] = [
+        (each.name, each.table, "") for each in ProtocolTables.declared() if each.table
+    ]
+    owners += [(one.get("id"), Object, one.get("kind")) for one in _objects_of(table)]
+    keys = [
+        f"'{owner}.{each.name}'"
+        for owner, group, kind in owners
+        for each in group.declared()
+        if word == each.name or (each.unit and word == each.name.rpartition("_")[0])
+        if not each.table and (not each.kinds or kind in each.kinds)
+    ]
+    return f"; did you mean {' or '.join(keys)}?" if keys else ""
+
+
 def value_at(table: Mapping[str, Any], key: str) -> Any:
     """Return the value of a dotted key in the table of a protocol, or None."""
     first, *rest = key.split(".")
@@ -364,7 +383,8 @@ def with_value(
         hint = f"a key starts with {keys}, or is {' or '.join((_SEED, *words))}"
         if rest and (near := nearest(first, (*owners, _SEED))):
             hint = f"did you mean '{near}'?"
-        raise StimulusError(f"{where}: no key '{dotted}'; {hint}")
+        meant = "" if rest else _full_keys(dotted, table)
+        raise StimulusError(f"{where}: no key '{dotted}'{meant or f'; {hint}'}")
     return _with_owner(table, first, lambda owner: _put(owner, rest, value, where))
 
 

@@ -227,9 +227,10 @@ def test_files(tmp_path: Path) -> None:
         (GOOD + "[sweep]\ndisk.axis_deg = []\n", "sweep: disk.axis_deg has no values"),
         (GOOD + "[sweep]\ndisk.axis_deg = 3\n", "takes a list of values"),
         (GOOD + "[sweep]\ndsik.axis_deg = [3]\n", "did you mean 'disk'"),
+        (GOOD + "[sweep]\naxis = [3]\n", "no key 'axis'; did you mean 'disk.axis_deg'?"),
         (
-            GOOD + "[sweep]\naxis = [3]\n",
-            "no key 'axis'; a key starts with display.KEY, timing.KEY",
+            GOOD + "[sweep]\ncoherence = [3]\n",
+            "no key 'coherence'; a key starts with display.KEY, timing.KEY",
         ),
         (GOOD + "[sweep]\ndisk.axes_deg = [3]\n", "did you mean 'axis_deg'"),
         ("sweep = 3\n" + GOOD, "must be a table"),

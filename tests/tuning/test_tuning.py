@@ -424,6 +424,10 @@ def test_a_sweep_of_the_seed_shows_other_noise() -> None:
         ("klapoetke2017/loom", [], "has no sweep of its own; give one"),
         ("klapoetke2017/loom", ["size"], "has no values of its own for 'disk.size_deg'"),
         ("klapoetke2017/loom", ["sped=1,2"], r"no parameter 'sped'; did you mean 'speed'\?$"),
+        ("klapoetke2017/loom", ["noise=0,1"], r"'noise'; did you mean 'effects\.noise'\?$"),
+        ("klapoetke2017/loom", ["before=0,1"], r"'before'; did you mean 'timing\.before_s'\?$"),
+        ("klapoetke2017/loom", ["luminance=0,1"], r"did you mean 'disk\.luminance'\?$"),
+        ("klapoetke2017/loom", ["coherence=0,1"], "'coherence'; choose axis, direction, "),
         (
             "klapoetke2017/loom",
             ["l/v=1,2"],
