@@ -244,7 +244,12 @@ class Object(Table):
     period_deg: float | None = parameter(
         None, "length of a cycle", low=0.001, high=360, needed_by=GRATINGS
     )
-    phase_deg: float = parameter(0.0, "phase at the centre, 360 to a cycle", kinds=GRATINGS)
+    phase_deg: float = parameter(
+        0.0,
+        "phase at the centre, 360 to a cycle; at 0 the luminance rises through the mean, along "
+        "the axis",
+        kinds=GRATINGS,
+    )
     plaid_deg: float = parameter(
         90.0, "angle between the two gratings", above=0, high=180, kinds=("plaid",)
     )
