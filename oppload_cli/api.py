@@ -222,8 +222,7 @@ class Result(reading.BaseResult):
             for row in _rows_of(self.frames):
                 rows.write(row)
             file.stream.flush()
-            # As in a run, the old table is removed first, and the new table gets its name last.
-            outputs.csv.unlink(missing_ok=True)
+            outputs.remove_earlier()  # the new table gets its name last, as in a run
             if truth:
                 write_atomic(truth_path, json.dumps(truth) + "\n")
                 sidecar["stimulus"] = facts_of_truth(truth_path, truth)

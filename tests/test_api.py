@@ -54,6 +54,9 @@ def test_a_result_has_the_files_of_the_command_line(tmp_path: Path) -> None:
         result.save(tmp_path / "api")
     result.save(tmp_path / "api", if_exists="overwrite")
     assert result.save(tmp_path / "api", "other").name == "other.frames.csv"
+    plain = oppload.run(video, models=["frame_difference"], rmo=False)  # a detector without places
+    plain.save(tmp_path / "api", "loom", if_exists="overwrite")
+    assert oppload.read_result(tmp_path / "api" / "loom.frames.csv").detections.empty
 
 
 def test_patterns_and_open_videos_give_the_names_of_the_command_line(tmp_path: Path) -> None:

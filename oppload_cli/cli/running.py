@@ -49,7 +49,15 @@ from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import Settings, resolve
-from oppload_cli.pipeline.task import IfExists, Interrupted, Outcome, Outputs, Task, exists_already
+from oppload_cli.pipeline.task import (
+    REMEDY,
+    IfExists,
+    Interrupted,
+    Outcome,
+    Outputs,
+    Task,
+    exists_already,
+)
 from oppload_cli.results.alarms import ALARM_COLUMNS, write_alarms
 from oppload_cli.video.inputs import GROUND_TRUTH, Span, left_out
 
@@ -128,9 +136,11 @@ def run_inputs(
                 words = command_line(["oppload", "report", str(options.output)])
                 raise Interrupted(f"{stop}; '{words}' makes the pages") from stop
             raise
-        if not options.report_pages:
-            return code
-        return _make_pages(_tasks(plan, task, options), options) or code
+        if options.report_pages:
+            code = _make_pages(_tasks(plan, task, options), options) or code
+        for sentence in () if options.quiet else _outdated(_tasks(plan, task, options)):
+            say(f"oppload: {sentence}")
+        return code
 
 
 def _check_options(options: RunOptions, settings: Settings) -> None:
@@ -237,6 +247,17 @@ def _tables(tasks: Iterator[Task]) -> list[Path]:
     """Return the tables of the results that exist."""
     paths = [task.outputs.csv for task in tasks if task.outputs]
     return [path for path in paths if os.path.lexists(path)]
+
+
+def _outdated(tasks: Iterator[Task]) -> Iterator[str]:
+    """Yield a sentence if annotated videos or pages show results that were replaced."""
+    paths = [path for task in tasks if task.outputs for path in task.outputs.outdated()]
+    if paths:
+        more = f", like {counted(len(paths) - 1, 'other file')}," if len(paths) > 1 else ""
+        yield (
+            f"{paths[0]}{more} is older than the result beside it; make it again (--annotate, "
+            "--report), or remove it"
+        )
 
 
 def _make_pages(tasks: Iterator[Task], options: RunOptions) -> int:
@@ -405,8 +426,15 @@ class _Batch:
                     f"oppload: {more} more {inputs} remarks such as those above; the sidecars hold "
                     f"all of them (remarks), and -v prints them"
                 )
-        if self._tally.failures and is_file(self._failures):
-            say(f"oppload: the failed inputs are in {self._failures}; try them again with:")
+        failures = tally.failures
+        if not (failures and is_file(self._failures)):
+            return all(written)
+        listed = f"oppload: the failed inputs are in {self._failures}"
+        refused = all(each.message.endswith(REMEDY) for each in failures)
+        if refused and self._options.if_exists == IfExists.SKIP:
+            say(listed)  # the same command would refuse these results again
+        else:
+            say(f"{listed}; try them again with:")
             for command in _retry_commands(click.get_current_context(), self._failures):
                 say(f"  {command_line(command)}")
         return all(written)

@@ -22,6 +22,7 @@ from oppload_cli.models.registry import known_names, loaded, needs_loading, plac
 from oppload_cli.results.alarms import in_words, verdicts_in
 from oppload_cli.results.table import (
     DETECTIONS,
+    PAGE,
     SIDECAR,
     TABLE,
     DetectionsFile,
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import FrameSource
     from oppload_cli.video.source import Video
 
-_REMEDY = "choose --if-exists overwrite, or another --output"
+REMEDY = "choose --if-exists overwrite, or another --output"
 
 
 class IfExists(StrEnum):
@@ -83,10 +84,37 @@ class Outputs:
         return [path for path in vars(self).values() if path is not None]
 
     def left_over(self) -> list[Path]:
-        """Return the part files that only an interrupted run with other options may have left."""
-        stem = self.csv.name.removesuffix(TABLE)
-        others = [self.csv.with_name(f"{stem}{suffix}") for suffix in (DETECTIONS, ANNOTATED)]
-        return [part_of(path) for path in others if path not in self.paths()]
+        """Return the files that only an earlier run with other options may have left.
+
+        They are part files, and the detections of a table that exists and will be replaced.
+        """
+        detections, annotated = self._beside(DETECTIONS), self._beside(ANNOTATED)
+        parts = [part_of(each) for each in (detections, annotated) if each not in self.paths()]
+        replaced = detections not in self.paths() and os.path.lexists(self.csv)
+        return [*parts, *([detections] if replaced else [])]
+
+    def remove_earlier(self) -> None:
+        """Remove the table and the files of `left_over`, before new files get their names.
+
+        An old table must never lie beside new files, even after a crash. Raises OutputError if the
+        table cannot be removed.
+        """
+        left_over = self.left_over()
+        with output_errors(self.csv):
+            self.csv.unlink(missing_ok=True)
+        for path in left_over:
+            with suppress(OSError):  # something else may have this name
+                path.unlink()
+
+    def outdated(self) -> Iterator[Path]:
+        """Yield an annotated video and a page that exist beside the table, but are older."""
+        for path in map(self._beside, (ANNOTATED, PAGE)):
+            with suppress(OSError):  # one of the two files does not exist
+                if path not in self.paths() and path.stat().st_mtime < self.csv.stat().st_mtime:
+                    yield path
+
+    def _beside(self, suffix: str) -> Path:
+        return self.csv.with_name(f"{self.csv.name.removesuffix(TABLE)}{suffix}")
 
     def absolute(self) -> Outputs:
         """Return the same files by absolute paths, for another process."""
@@ -186,7 +214,7 @@ def exists_already(task: Task) -> Outcome | None:
     if task.outputs is None or not task.outputs.kept(task.if_exists):
         return None
     table, path = task.outputs.csv, task.outputs.sidecar
-    content = read_sidecar(path, OutputError, _REMEDY)
+    content = read_sidecar(path, OutputError, REMEDY)
     try:
         difference = next(_differences(task, content), None)
         outcome = Outcome(
@@ -197,14 +225,14 @@ def exists_already(task: Task) -> Outcome | None:
             verdicts=verdicts_in(content),
         )
         in_words(outcome.verdicts)  # raises an error if a value has a wrong type
-        with reading(table, OutputError, check="check its rights", repair=_REMEDY):
+        with reading(table, OutputError, check="check its rights", repair=REMEDY):
             fault = fault_of_rows(table, content)
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
-        raise OutputError(f"{path}: is damaged; {_REMEDY}") from error
+        raise OutputError(f"{path}: is damaged; {REMEDY}") from error
     if difference:  # all results in a folder must have the same settings
-        raise OutputError(f"{path}: is a result {difference}; {_REMEDY}")
+        raise OutputError(f"{path}: is a result {difference}; {REMEDY}")
     if fault:
-        raise OutputError(f"{table}: {fault}; {_REMEDY}")
+        raise OutputError(f"{table}: {fault}; {REMEDY}")
     return outcome
 
 
@@ -346,15 +374,10 @@ class Writing:
         """Give the files their final names, the table last; `content` gives the sidecar's data."""
         if self._video is not None:
             self._video.finish()
-        with output_errors(self._outputs.csv):
-            # An old table must never lie beside new files, even after a crash.
-            self._outputs.csv.unlink(missing_ok=True)
+        self._outputs.remove_earlier()
         write_sidecar(self._outputs.sidecar, content())
         for each in self._other_files:
             each.commit()
-        for part in self._outputs.left_over():
-            with suppress(OSError):  # something else may have this name
-                part.unlink()
         self._file.commit()
 
     def keep(self) -> None:

@@ -37,6 +37,7 @@ from oppload_cli.results.reading import (
     stem_of,
     title_and_input,
 )
+from oppload_cli.results.table import PAGE
 from oppload_cli.version import __version__
 from oppload_cli.video.inputs import REPORTED, Position, Span
 from oppload_cli.video.source import source_of, stop
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import InputFacts
 
 
-_PAGE, _INDEX = ".report.html", "index.html"
+_INDEX = "index.html"
 _GENERATOR = f"oppload {__version__}"
 _SPARK = (240, 48)  # width and height of a small curve in the index, in units of its drawing
 _SPARK_LOW, _SPARK_HIGH = -2.0, 2.0  # lower and upper end of its scale, in decades
@@ -175,7 +176,7 @@ def _pages(tables: Sequence[Path], roots: Sequence[Path] | None) -> Iterator[Pur
     for table, root in zip(tables, roots or [each.parent for each in tables], strict=True):
         folder = PurePosixPath(table.parent.relative_to(root).as_posix())
         numbers = chain([""], (f"-{number}" for number in count(2)))
-        names = (folder / f"{stem_of(table)}{number}{_PAGE}" for number in numbers)
+        names = (folder / f"{stem_of(table)}{number}{PAGE}" for number in numbers)
         name = next(each for each in names if each not in taken)
         taken.add(name)
         yield name
@@ -194,7 +195,7 @@ def _titles(tables: Sequence[Path], pages: Sequence[PurePosixPath]) -> Iterator[
     counts = [Counter(names) for names in zip(*candidates, strict=True)]
     for page, names in zip(pages, candidates, strict=True):
         unique = [name for name, often in zip(names, counts, strict=True) if often[name] == 1]
-        yield unique[0] if unique else str(page).removesuffix(_PAGE)
+        yield unique[0] if unique else str(page).removesuffix(PAGE)
 
 
 def _refuse_other(index: Path) -> None:
@@ -212,7 +213,7 @@ def _refuse_other(index: Path) -> None:
 def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
     result = read_result(item.table)
     content = Content.of(result)
-    path = item.page.with_name(item.page.name.removesuffix(_PAGE) + REPORTED)
+    path = item.page.with_name(item.page.name.removesuffix(PAGE) + REPORTED)
     copy: _VideoCopy | None = None
     try:
         name = find_video(result, item.videos)

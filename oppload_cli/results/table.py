@@ -203,8 +203,9 @@ class ModelSummary:
 
 
 SCHEMA = "oppload.result/2"
-# Ends of the names of a result's files.
+# Ends of the names of a result's files, and of its page.
 TABLE, DETECTIONS, SIDECAR = ".frames.csv", ".detections.jsonl", ".oppload.json"
+PAGE = ".report.html"
 
 
 def read_sidecar(path: Path, kind: type[OpploadError], remedy: str) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 import time
@@ -65,6 +66,19 @@ def test_without_opplod_there_are_no_detections(clip: Path, tmp_path: Path) -> N
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         *("loom.annotated.mp4", "loom.frames.csv", "loom.oppload.json")
     ]
+
+
+def test_what_another_run_leaves_beside_a_replaced_result(clip: Path, tmp_path: Path) -> None:
+    assert oppload("run", clip, "-o", tmp_path, "--annotate", "--report", *FAST).returncode == 0
+    for kept in ("loom.annotated.mp4", "loom.report.html"):
+        os.utime(tmp_path / kept, (1, 1))  # of long ago
+    words = ("run", clip, "-o", tmp_path, "--model", "frame_difference", *FAST)
+    replaced = oppload(*words, "--if-exists", "overwrite")
+    old = f"oppload: {tmp_path / 'loom.annotated.mp4'}, like 1 other file, is older than the result"
+    assert old in replaced.stderr
+    assert not (tmp_path / "loom.detections.jsonl").exists()  # they were of OppLoD
+    made = oppload(*words, "--annotate", "--report", "--if-exists", "overwrite")
+    assert "older" not in made.stderr
 
 
 def test_standard_output_holds_no_video(clip: Path) -> None:

@@ -366,6 +366,12 @@ def test_a_result_is_skipped_only_if_it_is_the_same(clips: Path, tmp_path: Path)
         refused = oppload(*words, *more)
         assert refused.returncode == 2
         assert f"is a result {difference}" in refused.stderr
+    # A batch does not advise to run again what would be refused again.
+    listed = tmp_path / "list"
+    listed.write_text(f"{words[1]}\n")
+    batch = oppload("run", "--files-from", listed, *words[2:], "--model", "dlgmd")
+    assert "the failed inputs are in" in batch.stderr
+    assert "try them again" not in batch.stderr
     (tmp_path / "other").mkdir()
     other = tmp_path / "other" / "clip3.avi"
     other.write_bytes((clips / "clip4.avi").read_bytes())

@@ -33,7 +33,12 @@ def test_the_files_of_a_result_and_those_that_other_options_leave(tmp_path: Path
     assert every.left_over() == []
     least = Outputs.of(tmp_path, "b/a", ["dlgmd"])
     assert names(least.paths()) == ["b/a.frames.csv", "b/a.oppload.json"]
-    assert names(least.left_over()) == ["b/a.detections.jsonl.part", "b/a.annotated.mp4.part"]
+    parts = ["b/a.detections.jsonl.part", "b/a.annotated.mp4.part"]
+    assert names(least.left_over()) == parts
+    least.csv.parent.mkdir()
+    least.csv.touch()
+    assert names(least.left_over()) == [*parts, "b/a.detections.jsonl"]  # of the same result
+    assert names(every.left_over()) == []
 
 
 def test_paths_become_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
