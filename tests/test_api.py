@@ -312,7 +312,7 @@ def test_the_layers_of_a_model() -> None:
         (np.zeros((4, 9, 9), np.int64), {"rate": 30}, SourceError, "its type is int64"),
         (np.full((4, 9, 9), 2.0), {"rate": 30}, SourceError, "frame 0 holds values outside"),
         ([np.zeros((9, 9)), np.zeros((9, 8))], {"rate": 30}, SourceError, "differ in shape"),
-        (3, {}, SourceError, "int: holds no frames"),
+        (3, {}, SourceError, "int: holds no frames; give a path, a camera such as 'camera:0'"),
         (["a.mp4", "b.mp4"], {}, SourceError, "a list of names .* take one name after the other"),
         ("missing.mp4", {}, SourceError, "missing.mp4: no such file; check the path$"),
         ("controls/plade", {}, SourceError, "did you mean the stimulus 'controls/plaid'"),

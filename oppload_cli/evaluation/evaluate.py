@@ -185,7 +185,7 @@ def _fault_of(clip: Clip) -> str:
     if contact is not None and contact < clip.first:
         return (
             f"its contact, frame {contact}, is before the first response, frame {clip.first}; "
-            "leave it out"
+            "count in frames, not in seconds, or leave it out"
         )
     return ""
 

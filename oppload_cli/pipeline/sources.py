@@ -318,8 +318,8 @@ def open_source(
         yield StimulusVideo(source, size)
     else:
         raise SourceError(
-            f"{type(source).__name__}: holds no frames; give a path, an open video, a stimulus or "
-            "an array of frames"
+            f"{type(source).__name__}: holds no frames; give a path, a camera such as 'camera:0', "
+            "an open video, a stimulus or an array of frames"
         )
 
 

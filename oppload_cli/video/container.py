@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import errno
 import math
+import re
 from collections import deque
 from contextlib import suppress
 from fractions import Fraction
@@ -90,6 +91,7 @@ if av.logging.get_level() is None:  # PyAV counts the decoders' errors only if a
     av.logging.set_level(av.logging.PANIC)  # this level prints no error
     # Otherwise threads of a decoder that was never closed would wait for the ended interpreter.
     atexit.register(av.logging.set_level, None)
+_CAMERA = re.compile(r"(camera)?[0-9]")  # as users of other programs may name one
 _LFS_POINTER = b"version https://git-lfs"  # such a file stands for one that was not fetched
 _ARRAYS = {".npy", ".npz", ".mat"}  # files of NumPy and MATLAB
 _RTP_ADVICE = (
@@ -249,6 +251,8 @@ class ContainerSource(PictureSource):
             reason = "no such file; check the path"
             if self.name == "-":
                 reason = "give /dev/stdin to read from standard input"
+            elif _CAMERA.fullmatch(self.name):
+                reason = f"no such file; write camera:{self.name[-1]} for a camera"
             elif path.is_symlink():
                 reason = "is a link to a file that does not exist; fetch or restore that file"
             raise SourceError(f"{self.name}: {reason}") from error

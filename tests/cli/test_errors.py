@@ -31,6 +31,8 @@ def prepared(folder: Path) -> None:
 
 WRONG = [
     (["run", "missing.mp4"], 3, "missing.mp4: no such file; check the path"),
+    (["run", "0"], 3, "0: no such file; write camera:0 for a camera"),
+    (["run", "camera1"], 3, "camera1: no such file; write camera:1 for a camera"),
     (["run", "text.mp4"], 3, "text.mp4: not a video that can be read"),
     (["run", "text.mp4", "-o", "out"], 3, "text.mp4: not a video that can be read"),
     (["report", "other.csv", "-o", "out"], 2, "other.csv: has no column 'frame'"),
