@@ -3,6 +3,7 @@
     python -m benchmarks.places                  # on stimuli: focus, box, time to contact
     python -m benchmarks.places --clips FOLDER   # on labelled clips: winning unit and box
     python -m benchmarks.places --roll           # staged approaches seen by a camera that rolls
+    python -m benchmarks.places --vibration      # the same, a rolling shutter that vibrates
     python -m benchmarks.places --cost FOLDER    # processor time
 
 All but the last use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv`` and
@@ -33,7 +34,7 @@ from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import ObjectTruth, contact_time, frame_truth
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -46,7 +47,10 @@ NEAR_CONTACT = 15  # frames
 LOOM = "klapoetke2017/loom-l-over-v"
 L_OVER_V = "disk.growth.l_over_v_ms"
 STAGED = "staged/collision"
+RATE = 30  # of the staged approaches, in frames/s
 ROLLS = 0, 15, 30, 60, 120  # deg/s
+VIBRATIONS = 0, 0.25, 0.5, 1, 2, 4  # amplitudes in px of 240 rows
+VIBRATION_HZ, READOUT_S = 37, 0.02  # READOUT_S is the time from the first row to the last
 ASIDE = {"disk.centre_deg": [12, -9], "disk.growth.most_deg": 40}
 CONDITIONS: list[tuple[str, str, dict[str, Any]]] = [
     *((f"disk, l/v {ms} ms", LOOM, {L_OVER_V: ms}) for ms in (20, 30, 40, 60, 80, 100)),
@@ -164,14 +168,14 @@ def _contact_table(preset: str) -> Iterator[str]:
     yield f"true time within twice the error: {within} of {count}"
 
 
-def _rolled(frames: Sequence[NDArray[np.float32]], turn_deg: float) -> NDArray[np.float32]:
-    """Turn each frame about its middle by `turn_deg` more than the frame before."""
+def _rolled(frames: Sequence[NDArray[np.float32]], roll: float) -> NDArray[np.float32]:
+    """Show frames as a camera sees them that rolls about its axis by `roll` degrees per second."""
     height, width = frames[0].shape
     middle = (width - 1) / 2, (height - 1) / 2
     turned = [
         cv2.warpAffine(
             frame,
-            cv2.getRotationMatrix2D(middle, turn_deg * number, 1),
+            cv2.getRotationMatrix2D(middle, roll * number / RATE, 1),
             (width, height),
             borderMode=cv2.BORDER_REFLECT,
         )
@@ -180,20 +184,36 @@ def _rolled(frames: Sequence[NDArray[np.float32]], turn_deg: float) -> NDArray[n
     return np.clip(np.array(turned, np.float32), 0, 1)
 
 
-def _roll_table(preset: str) -> Iterator[str]:
-    """Yield the table of staged approaches seen by a camera that rolls about its axis."""
+def _vibrating(frames: Sequence[NDArray[np.float32]], amplitude: float) -> NDArray[np.float32]:
+    """Show frames as a rolling shutter sees them that vibrates by `amplitude` px in both axes."""
+    y, x = np.mgrid[: frames[0].shape[0], : frames[0].shape[1]].astype(np.float32)
+    shown = []
+    for number, frame in enumerate(frames):
+        phase = 2 * np.pi * VIBRATION_HZ * (number / RATE + y / len(y) * READOUT_S)
+        column, row = x + amplitude * np.sin(phase), y + amplitude * np.cos(phase + 1)
+        shown.append(cv2.remap(frame, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT))
+    return np.clip(np.array(shown, np.float32), 0, 1)
+
+
+def _view_table(
+    title: str,
+    view: Callable[[Sequence[NDArray[np.float32]], float], NDArray[np.float32]],
+    sizes: Sequence[float],
+    preset: str,
+) -> Iterator[str]:
+    """Yield the table of staged approaches seen by a camera with a motion of several sizes."""
     params = [parameters_of("opplod", preset)]
     approaches = []
     for protocol in stimulus.load_all(STAGED)[::3]:
         video = StimulusVideo(protocol, 240)
         approaches.append((contact_time(protocol) or 0.0, [frame.luma for frame in video]))
-    yield "| roll, deg/s | with an alarm | lead | given | median error | within 20 % |"
+    yield f"| {title} | with an alarm | lead | given | median error | within 20 % |"
     yield "|---|---|---|---|---|---|"
-    for roll in ROLLS:
+    for size in sizes:
         leads, errors, count = [], [], 0
         for contact_s, frames in approaches:
-            shown = _rolled(frames, roll / 30)
-            records = list(analyse(shown, params, rate=30, height=240, preset=preset, rmo=False))
+            shown = view(frames, size)
+            records = list(analyse(shown, params, rate=RATE, height=240, preset=preset, rmo=False))
             before = [contact_s - record.time_s for record in records]
             leads += [s for s, each in zip(before, records, strict=True) if each.alarms["opplod"]][
                 :1
@@ -205,7 +225,7 @@ def _roll_table(preset: str) -> Iterator[str]:
                     errors.append(abs(found.time_to_contact_s / left_s - 1))
         leads = [lead for lead in leads if lead > 0]
         cells = [
-            str(roll),
+            str(size),
             f"{len(leads)} of {len(approaches)}",
             f"{statistics.median(leads):.2f} s",
             f"{len(errors)} of {count}",
@@ -344,13 +364,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--clips", type=Path, metavar="FOLDER")
     parser.add_argument("--roll", action="store_true")
+    parser.add_argument("--vibration", action="store_true")
     parser.add_argument("--cost", type=Path, metavar="FOLDER")
     parser.add_argument("--preset", default="reference", metavar="NAME")
     arguments = parser.parse_args()
     if arguments.clips:
         table = _localisation(arguments.clips, arguments.preset)
     elif arguments.roll:
-        table = _roll_table(arguments.preset)
+        table = _view_table("roll, deg/s", _rolled, ROLLS, arguments.preset)
+    elif arguments.vibration:
+        table = _view_table("amplitude, px", _vibrating, VIBRATIONS, arguments.preset)
     elif arguments.cost:
         table = _cost(arguments.cost)
     else:
