@@ -59,7 +59,7 @@ from oppload_cli.pipeline.task import (
     exists_already,
 )
 from oppload_cli.results.alarms import ALARM_COLUMNS, write_alarms
-from oppload_cli.video.inputs import GROUND_TRUTH, Span, left_out
+from oppload_cli.video.inputs import GROUND_TRUTH, Span, is_real_time, left_out
 
 if sys.platform == "win32":
     from subprocess import list2cmdline as command_line
@@ -354,6 +354,13 @@ class _Batch:
         self._remarked = 0
         for failure in plan.failures:
             say(f"oppload: {failure.message}")
+        count, at_once = len(plan.inputs), options.jobs
+        live = any(is_real_time(each.name) for each in plan.inputs)
+        if live and at_once < count and not (options.scheduler or options.quiet):
+            say(
+                f"oppload: {at_once} of {count} inputs run at once, and a camera or a stream may "
+                f"never end; give --jobs {count} to run all of them at once"
+            )
         self._begun = time.monotonic()
         self._progress = BatchProgress(len(plan.inputs), self._verbosity)
         self.started = self._progress.started

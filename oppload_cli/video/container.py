@@ -41,6 +41,7 @@ from oppload_cli.video.frames import (
     too_large,
     turned,
 )
+from oppload_cli.video.inputs import is_real_time
 from oppload_cli.video.integrity import CUT, fault_of
 from oppload_cli.video.planes import is_full_range, is_transparent, luma_plane
 
@@ -60,8 +61,6 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 _HDR: dict[int, str] = {ColorTrc.SMPTE2084: "PQ", ColorTrc.ARIB_STD_B67: "HLG"}
 _LIVE = "mpjpeg"  # images that a network camera sends one by one over HTTP, without times
-# Addresses of these kinds send pictures at their own pace, whether or not they are read.
-_REAL_TIME = ("rtsp:", "rtsps:", "rtp:", "srt:", "udp:", "rtmp:", "rtmps:")
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 _MOST_DEMUX_ERRORS = 100  # most errors without a packet between them
 # These decoders conceal damage without an error: VP8 with frame threads, because it predicts
@@ -547,7 +546,7 @@ class ContainerSource(PictureSource):
             bytes=None if self._remote else self._container.size,
             rate_assumed=is_rate_assumed(stream) and not self._is_live,
             video_streams=len(video_streams(self._container)),
-            real_time=self._is_live or self.name.lower().startswith(_REAL_TIME),
+            real_time=self._is_live or is_real_time(self.name),
         )
 
 

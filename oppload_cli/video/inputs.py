@@ -47,6 +47,7 @@ NUMBER = re.compile(r"%0?([0-9]{0,3})d")  # the number in a pattern of image nam
 # Files with these endings are results, not inputs.
 ANNOTATED, REPORTED = ".annotated.mp4", ".report.mp4"
 GROUND_TRUTH = ".stimulus.json"  # end of the name of the file beside a stimulus's video
+_REAL_TIME = ("rtsp:", "rtsps:", "rtp:", "srt:", "udp:", "rtmp:", "rtmps:")
 _NUMBERED = re.compile(r"[0-9]\.[^.]+$")  # frame_0001.png
 _CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
 _LONGEST_STEM = 200  # bytes; a complete file name may have 255
@@ -219,6 +220,11 @@ def is_camera(name: str) -> bool:
 def is_camera_or_stream(name: str) -> bool:
     """Return whether a name means a camera, or has an address such as ``rtsp://``: no path."""
     return "://" in name or is_camera(name)
+
+
+def is_real_time(name: str) -> bool:
+    """Return whether a name means a camera or a stream that goes on, whether or not it is read."""
+    return is_camera(name) or name.lower().startswith(_REAL_TIME)
 
 
 def is_image_file(name: str) -> bool:

@@ -472,6 +472,16 @@ def test_live_inputs_are_finished_when_the_user_stops_them(
     assert f"interrupted: {live} of 2 inputs are finished{advice}\n" in done.stderr
 
 
+def test_live_inputs_that_would_wait_for_ever_are_announced(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(tasks, "run_task", lambda _task, **_options: Outcome())
+    for names, waits in ((("camera:0", "udp://127.0.0.1:1"), True), (("a.avi", "b.avi"), False)):
+        done = oppload("run", *names, "-o", tmp_path, "-j", "1")
+        advice = "1 of 2 inputs run at once, and a camera or a stream may never end; give --jobs 2"
+        assert (advice in done.stderr) == waits
+
+
 def test_of_many_detectors_each_has_a_row(tmp_path: Path) -> None:
     for name in ("a.avi", "b.avi"):
         write_video(tmp_path / name, grey_frames(6))
