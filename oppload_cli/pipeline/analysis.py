@@ -200,9 +200,9 @@ class Analysis:
     def remarks(self) -> list[str]:
         """Sentences on faults of the frames so far, as in the sidecar.
 
-        They report times that go back, a frame rate that is or was too low or contradicts `rate`,
-        times that seem to be in another unit than seconds, repeats, pictures that do not change,
-        and frames that are too small.
+        They report times that go back, frames in bursts, a frame rate that is or was too low or
+        contradicts `rate`, times that seem to be in another unit than seconds, repeats, pictures
+        that do not change, and frames that are too small.
 
         Examples
         --------

@@ -31,6 +31,9 @@ _MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps
 _USUAL, _ROUNDING_S = 0.5, 1.001e-3
 _LATEST_STEPS = 15  # a wrong time is replaced by the median of the latest 15 steps
 _CONTRADICTION = 0.1  # a larger relative difference from the declared rate gives a remark
+# At a mean of less than 100 frames/s no camera takes pictures less than 5 ms apart. Frames that
+# come so, if they are a larger share and more than a few, have the times of their arrival.
+_BURST_S, _SHARE_IN_BURSTS, _FEW_IN_BURSTS = 0.005, 0.05, 10
 _LEAST_LASTING_S = 1.0  # a shift of at least this time stays: the clock was set to another time
 _TAKEN_BACK = 0.1  # each step reduces a shorter shift by at most this share of the step
 
@@ -194,6 +197,7 @@ class FrameTimes:
         self._first_s = self._shift_s = self._longest_s = self._gap_from_s = 0.0
         self._slow_s = 0.0  # time in which the usual rate was below `_LEAST_RATE`
         self._frames = self._first_wrong = 0
+        self._in_bursts = 0  # number of frames that came right after the frame before
         self.wrong = 0  # number of times that were not later than the time before
 
     def step(self, time_s: float) -> float:
@@ -214,6 +218,7 @@ class FrameTimes:
             if step_s > self._longest_s:
                 self._longest_s, self._gap_from_s = step_s, before_s
             self._latest.append(step_s)
+            self._in_bursts += step_s < _BURST_S
             # The usual step is counted instead of the step, which may be a pause of hours.
             usual_s = median(self._latest)
             if len(self._latest) == _LATEST_STEPS and usual_s * _LEAST_RATE > 1:
@@ -272,6 +277,13 @@ class FrameTimes:
         rate = self.rate
         if rate is None:
             return remarks
+        most = max(_SHARE_IN_BURSTS * self._frames, _FEW_IN_BURSTS)
+        if self._in_bursts > most and self.seconds > 2 * _BURST_S * self._frames:
+            remarks.append(
+                f"{self._in_bursts} frames come less than {_BURST_S * 1000:.0f} ms after the frame "
+                "before, as in bursts over a network; times to contact are wrong unless the frames "
+                "have the times at which they were taken"
+            )
         if self._declared and abs(rate / self._declared - 1) > _CONTRADICTION:
             remarks.append(
                 f"{in_digits(self._declared)} frames/s are declared, but the times of most frames "

@@ -38,6 +38,17 @@ def test_a_long_time_without_a_frame_gives_a_remark(gap_s: float, said: bool) ->
     assert kept.remarks() == [remark] * said
 
 
+def test_frames_that_arrive_in_bursts_give_a_remark() -> None:
+    for pairs, step_s, said in ((11, 0.002, True), (10, 0.002, False), (30, 0.006, False)):
+        bursts = [pair / 15 + late for pair in range(pairs) for late in (0, step_s)]
+        given = [*bursts, *(pairs / 15 + t / 30 for t in range(60))]
+        found, kept = taken(given)
+        assert found == given
+        notes = [note.partition(",")[0] for note in kept.remarks()]
+        assert notes == ["11 frames come less than 5 ms after the frame before"] * said
+    assert taken([t / 240 for t in range(240)])[1].remarks() == []  # of a fast camera
+
+
 def test_equal_and_backward_times_follow_by_a_step() -> None:
     found, kept = taken([0, 0.04, 0.04, 0.02, 0.16, 0.2], 25)
     assert found == pytest.approx([0, 0.04, 0.08, 0.12, 0.16, 0.2])
