@@ -4,6 +4,7 @@
     python -m benchmarks.places --clips FOLDER   # on labelled clips: winning unit and box
     python -m benchmarks.places --roll           # staged approaches seen by a camera that rolls
     python -m benchmarks.places --vibration      # the same, a rolling shutter that vibrates
+    python -m benchmarks.places --flicker        # the same, a rolling shutter in flickering light
     python -m benchmarks.places --cost FOLDER    # processor time
 
 All but the last use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv`` and
@@ -50,7 +51,9 @@ STAGED = "staged/collision"
 RATE = 30  # of the staged approaches, in frames/s
 ROLLS = 0, 15, 30, 60, 120  # deg/s
 VIBRATIONS = 0, 0.25, 0.5, 1, 2, 4  # amplitudes in px of 240 rows
-VIBRATION_HZ, READOUT_S = 37, 0.02  # READOUT_S is the time from the first row to the last
+DEPTHS = 0, 0.05, 0.1, 0.2, 0.3  # of flicker, from its darkest to its brightest moment
+# READOUT_S is the time from the first row of a rolling shutter to the last.
+VIBRATION_HZ, FLICKER_HZ, READOUT_S = 37, 100, 0.02
 ASIDE = {"disk.centre_deg": [12, -9], "disk.growth.most_deg": 40}
 CONDITIONS: list[tuple[str, str, dict[str, Any]]] = [
     *((f"disk, l/v {ms} ms", LOOM, {L_OVER_V: ms}) for ms in (20, 30, 40, 60, 80, 100)),
@@ -193,6 +196,15 @@ def _vibrating(frames: Sequence[NDArray[np.float32]], amplitude: float) -> NDArr
         column, row = x + amplitude * np.sin(phase), y + amplitude * np.cos(phase + 1)
         shown.append(cv2.remap(frame, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT))
     return np.clip(np.array(shown, np.float32), 0, 1)
+
+
+def _banded(frames: Sequence[NDArray[np.float32]], depth: float) -> NDArray[np.float32]:
+    """Show frames as a rolling shutter sees them in light that flickers by `depth` of its value."""
+    shown = np.array(frames, np.float32)
+    row_s = np.arange(shown.shape[1]) / shown.shape[1] * READOUT_S
+    phase = 2 * np.pi * FLICKER_HZ * (np.arange(len(shown))[:, None] / RATE + row_s)
+    shown *= (1 - depth * (1 + np.sin(phase)) / 2)[:, :, None]
+    return shown
 
 
 def _view_table(
@@ -365,6 +377,7 @@ def main() -> None:
     parser.add_argument("--clips", type=Path, metavar="FOLDER")
     parser.add_argument("--roll", action="store_true")
     parser.add_argument("--vibration", action="store_true")
+    parser.add_argument("--flicker", action="store_true")
     parser.add_argument("--cost", type=Path, metavar="FOLDER")
     parser.add_argument("--preset", default="reference", metavar="NAME")
     arguments = parser.parse_args()
@@ -374,6 +387,8 @@ def main() -> None:
         table = _view_table("roll, deg/s", _rolled, ROLLS, arguments.preset)
     elif arguments.vibration:
         table = _view_table("amplitude, px", _vibrating, VIBRATIONS, arguments.preset)
+    elif arguments.flicker:
+        table = _view_table("depth", _banded, DEPTHS, arguments.preset)
     elif arguments.cost:
         table = _cost(arguments.cost)
     else:
