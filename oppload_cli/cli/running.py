@@ -117,6 +117,7 @@ def run_inputs(
     task = Task("", settings, None, span, image_rate, if_exists, command, boxes=options.boxes)
     if str(options.output) == _STANDARD_OUTPUT:
         return _run_one(replace(task, name=_only(inputs, options)), options, opening)
+    began = time.time()
     plan = _plan_of(inputs, options)
     tasks = _tasks(plan, task, options)
     if options.dry_run:
@@ -138,7 +139,7 @@ def run_inputs(
             raise
         if options.report_pages:
             code = _make_pages(_tasks(plan, task, options), options) or code
-        for sentence in () if options.quiet else _outdated(_tasks(plan, task, options)):
+        for sentence in () if options.quiet else _outdated(_tasks(plan, task, options), began):
             say(f"oppload: {sentence}")
         return code
 
@@ -249,9 +250,9 @@ def _tables(tasks: Iterator[Task]) -> list[Path]:
     return [path for path in paths if os.path.lexists(path)]
 
 
-def _outdated(tasks: Iterator[Task]) -> Iterator[str]:
-    """Yield a sentence if annotated videos or pages show results that were replaced."""
-    paths = [path for task in tasks if task.outputs for path in task.outputs.outdated()]
+def _outdated(tasks: Iterator[Task], began: float) -> Iterator[str]:
+    """Yield a sentence if annotated videos or pages show results that this run has replaced."""
+    paths = [path for task in tasks if task.outputs for path in task.outputs.outdated(began)]
     if paths:
         more = f", like {counted(len(paths) - 1, 'other file')}," if len(paths) > 1 else ""
         yield (

@@ -106,11 +106,11 @@ class Outputs:
             with suppress(OSError):  # something else may have this name
                 path.unlink()
 
-    def outdated(self) -> Iterator[Path]:
-        """Yield an annotated video and a page that exist beside the table, but are older."""
+    def outdated(self, since: float) -> Iterator[Path]:
+        """Yield an annotated video and a page that are older than a time, if the table is not."""
         for path in map(self._beside, (ANNOTATED, PAGE)):
             with suppress(OSError):  # one of the two files does not exist
-                if path not in self.paths() and path.stat().st_mtime < self.csv.stat().st_mtime:
+                if path.stat().st_mtime < since <= self.csv.stat().st_mtime:
                     yield path
 
     def _beside(self, suffix: str) -> Path:

@@ -77,8 +77,9 @@ def test_what_another_run_leaves_beside_a_replaced_result(clip: Path, tmp_path: 
     old = f"oppload: {tmp_path / 'loom.annotated.mp4'}, like 1 other file, is older than the result"
     assert old in replaced.stderr
     assert not (tmp_path / "loom.detections.jsonl").exists()  # they were of OppLoD
-    made = oppload(*words, "--annotate", "--report", "--if-exists", "overwrite")
-    assert "older" not in made.stderr
+    os.utime(tmp_path / "loom.frames.csv", (2, 2))
+    for made in (("--if-exists", "skip"), ("--annotate", "--report", "--if-exists", "overwrite")):
+        assert "older" not in oppload(*words, *made).stderr
 
 
 def test_standard_output_holds_no_video(clip: Path) -> None:
