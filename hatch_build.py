@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import platform
 import shlex
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -105,6 +106,14 @@ def _files(folder: Path, name: str, system: str) -> tuple[Path, Path]:
     return library, Path(f"{library}.sum")
 
 
+def _compiler() -> tuple[str, ...]:
+    """Return the command of the compiler: ``CC``, the one that built Python, or else ``cc``."""
+    if named := shlex.split(os.environ.get("CC", "")):
+        return tuple(named)
+    built = shlex.split(sysconfig.get_config_var("CC") or "cc")
+    return tuple(built) if shutil.which(built[0]) else ("cc",)
+
+
 def _compile(
     source: Path,
     name: str,
@@ -115,14 +124,12 @@ def _compile(
     compiler: tuple[str, ...] = (),
 ) -> bool:
     """Compile the loops; tell whether this worked."""
-    compiler = compiler or tuple(
-        shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")
-    )
     target, checksum = _files(folder or source, name, system)
     part = Path(f"{target}.part")
     sources = sorted(str(each) for each in source.glob("*.c"))
     # On Windows all code can be moved, and the functions have to be exported.
     system_options = ("-Wl,--export-all-symbols",) if system == "win32" else ("-fPIC", "-lm")
+    compiler = compiler or _compiler()
     command = [*compiler, *OPTIONS, *options, *sources, *system_options, "-o", str(part)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603

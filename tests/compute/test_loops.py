@@ -244,6 +244,20 @@ def test_a_forked_child_has_threads_of_its_own() -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_the_compiler_that_built_python_may_be_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python of Debian names aarch64-linux-gnu-gcc, also where only Clang is installed."""
+    pytest.importorskip("hatchling")
+    from hatch_build import _compiler
+
+    found = (f"'{sys.executable}' -O", (sys.executable, "-O"))
+    monkeypatch.delenv("CC", raising=False)
+    for built, expected in (found, ("missing-gcc -O", ("cc",))):
+        monkeypatch.setattr("sysconfig.get_config_var", lambda _, built=built: built)
+        assert _compiler() == expected
+    monkeypatch.setenv("CC", "ccache clang")
+    assert _compiler() == ("ccache", "clang")
+
+
 @pytest.mark.slow
 def test_the_hook_builds_what_the_wheel_takes(tmp_path: Path) -> None:
     """Build a wheel in a copy of the project; without a compiler it is a pure one."""
