@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-ARITHMETICS = ("wide", "baseline", "portable")
-
 
 def approaching(textured: bool) -> Iterator[NDArray[np.uint8]]:
     """A disk that grows in the middle: units on both sides of it have equal responses."""
@@ -34,14 +32,17 @@ def approaching(textured: bool) -> Iterator[NDArray[np.uint8]]:
 def tables(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> dict[str, list[dict[str, str]]]:
-    """The rows of each arithmetic."""
-    wide, baseline = loops._opened("wide"), loops._opened("baseline")
-    if isinstance(wide, str) or isinstance(baseline, str) or not baseline.runs_wide():
-        pytest.skip("NOT COMPARED: both builds are needed, and a processor for them")
+    """The rows of each arithmetic that this processor has; only x86-64 has a wide one."""
+    baseline = loops._opened("baseline")
+    if isinstance(baseline, str):
+        pytest.skip("NOT COMPARED: there are no compiled loops")
+    wide = loops._opened("wide") if baseline.runs_wide() else ""
+    libraries = {"portable": baseline, "baseline": baseline}
+    if not isinstance(wide, str):
+        libraries["wide"] = wide
     video = write_video(tmp_path / "a.avi", approaching(request.param))
     rows = {}
-    for name in ARITHMETICS:
-        library = wide if name == "wide" else baseline
+    for name, library in libraries.items():
         monkeypatch.setattr(loops, "_loaded", lambda library=library: ("", library))
         monkeypatch.setattr(loops, "portable", name == "portable")
         table = tmp_path / f"{name}.csv"
@@ -54,14 +55,14 @@ def test_responses_boxes_and_alarms_agree(tables: dict[str, list[dict[str, str]]
     def column(name: str, arithmetic: str) -> NDArray[np.float64]:
         return np.array([float(row[name] or "nan") for row in tables[arithmetic]])
 
-    for other in ARITHMETICS[1:]:
+    for other in tables.keys() - {"portable"}:
         for name in ("opplod_response", "dlgmd_response"):
-            response = column(name, "wide")
+            response = column(name, "portable")
             peak = np.nanmax(response)
             np.testing.assert_allclose(column(name, other), response, rtol=0, atol=1e-5 * peak)
         for side in ("x", "y", "width", "height"):
             name = f"opplod_{side}"
-            np.testing.assert_allclose(column(name, other), column(name, "wide"), atol=1e-3)
+            np.testing.assert_allclose(column(name, other), column(name, "portable"), atol=1e-3)
         for name in ("opplod_alarm", "dlgmd_alarm"):
-            np.testing.assert_array_equal(column(name, other), column(name, "wide"))
-    assert np.nanmax(column("opplod_response", "wide")) > 0.01
+            np.testing.assert_array_equal(column(name, other), column(name, "portable"))
+    assert np.nanmax(column("opplod_response", "portable")) > 0.01

@@ -115,6 +115,8 @@ def test_the_baseline_build_agrees_with_the_wide_one(builds: Path) -> None:
     for name in ("baseline", "wide"):
         build(builds, name)
         loops._loaded.cache_clear()
+        if not loops._library().runs_wide():
+            pytest.skip("NOT COMPARED: this processor has no build for wide vectors")
         dpc = Layers((40, 61)).dpc(DpcParams(), (45, 135)).layer
         for frame in frames:
             dpc.step(frame)
