@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import re
 import shutil
@@ -11,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -80,6 +82,22 @@ def test_the_callback_of_a_ros_topic_answers_to_its_images() -> None:
     assert alarm
     assert abs(nearest.centre_x - 60) < 1
     assert abs(nearest.time_to_contact_s - 5 / 30) < 0.02
+
+
+def test_images_have_the_times_of_their_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (PAGES / "images.md").read_text(encoding="utf-8")
+    (script,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (tmp_path / "cam0").mkdir()
+    for number, time_ms in enumerate((0, 30, 95, 130, 160)):
+        image = np.full((16, 24), 40 * number, np.uint8)
+        assert cv2.imwrite(str(tmp_path / "cam0" / f"{1403636579_000 + time_ms}000000.png"), image)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "images.md", "exec"), {})  # noqa: S102 - the page's own code
+    with (tmp_path / "results" / "cam0.frames.csv").open() as table:
+        times = [float(row["time_s"]) for row in csv.DictReader(table)]
+    assert times == pytest.approx([0, 0.03, 0.095, 0.13, 0.16], abs=1e-6)
 
 
 @pytest.mark.skipif(not shutil.which("bash"), reason="NOT TESTED: needs bash")
