@@ -6,6 +6,7 @@ import math
 import os
 from collections import deque
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from fractions import Fraction
 from statistics import fmean, median, median_low
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -197,6 +198,7 @@ class FrameTimes:
         self._first_s = self._shift_s = self._longest_s = self._gap_from_s = 0.0
         self._slow_s = 0.0  # time in which the usual rate was below `_LEAST_RATE`
         self._frames = self._first_wrong = 0
+        self._zero_s = math.inf  # see `arrived`
         self._in_bursts = 0  # number of frames that came right after the frame before
         self.wrong = 0  # number of times that were not later than the time before
 
@@ -236,6 +238,13 @@ class FrameTimes:
         self._frames += 1
         return now_s
 
+    def arrived(self, clock_s: float) -> None:
+        """Take the time of day, in seconds since 1970, at which the latest frame arrived.
+
+        Time zero is that of the frame with the least delay.
+        """
+        self._zero_s = min(self._zero_s, clock_s - self._corrected_s)
+
     @property
     def seconds(self) -> float:
         """Time from the first frame to the latest one, in seconds."""
@@ -257,7 +266,10 @@ class FrameTimes:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the facts for the sidecar."""
+        known = self._zero_s < math.inf
+        zero = datetime.fromtimestamp(self._zero_s, UTC).isoformat() if known else None
         return {
+            "zero_utc": zero,
             "frames_per_s": None if self.rate is None else round(self.rate, 3),
             "longest_step_s": round(self._longest_s, 6),
             "not_after_the_one_before": self.wrong,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from time import perf_counter, time
 from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import ParameterError, SourceError
@@ -131,9 +132,12 @@ class Video:
         stop(self._source, self._prefetch)
 
     def _frames(self) -> Iterator[Frame]:
+        set_by_s = time() - perf_counter()  # once, as somebody may set the clock during the run
         for picture in self._span.within(self._source):
             colour = self._colour(picture) if self._colour else None
             time_s = self.times.step(picture.time_s)
+            if self.facts.live:
+                self.times.arrived(set_by_s + perf_counter())
             yield Frame(picture.index, time_s, self._luminance(picture), colour)
 
 

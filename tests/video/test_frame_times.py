@@ -49,6 +49,15 @@ def test_frames_that_arrive_in_bursts_give_a_remark() -> None:
     assert taken([t / 240 for t in range(240)])[1].remarks() == []  # of a fast camera
 
 
+def test_time_zero_is_that_of_the_frame_with_the_least_delay() -> None:
+    kept = FrameTimes(None)
+    assert kept.as_dict()["zero_utc"] is None
+    for time_s, delay_s in ((0, 0.5), (0.04, 0.25), (0.08, 1.0)):
+        kept.step(time_s)
+        kept.arrived(1.8e9 + time_s + delay_s)
+    assert kept.as_dict()["zero_utc"] == "2027-01-15T08:00:00.250000+00:00"
+
+
 def test_equal_and_backward_times_follow_by_a_step() -> None:
     found, kept = taken([0, 0.04, 0.04, 0.02, 0.16, 0.2], 25)
     assert found == pytest.approx([0, 0.04, 0.08, 0.12, 0.16, 0.2])

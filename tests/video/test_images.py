@@ -6,6 +6,7 @@ import json
 import os
 import re
 import sys
+from datetime import UTC, datetime
 from fractions import Fraction
 from itertools import accumulate
 from time import sleep
@@ -339,7 +340,9 @@ def test_frames_that_come_faster_than_they_are_analysed_are_dropped(
         assert [frame.index for frame in frames] == [196, 197, 198, 199]
         assert (video.decode.decoded, video.decode.dropped) == (200, 196)
     done = oppload("run", "camera:0", "-o", tmp_path, "--height", "24")
-    decode = json.loads((tmp_path / "camera-0.oppload.json").read_bytes())["decode"]
+    sidecar = json.loads((tmp_path / "camera-0.oppload.json").read_bytes())
+    assert datetime.fromisoformat(sidecar["time"]["zero_utc"]) <= datetime.now(UTC)
+    decode = sidecar["decode"]
     assert decode["decoded"] == decode["analysed"] + decode["dropped"] == 200
     assert f"{decode['dropped']} of 200 frames were dropped, because they came" in done.stderr
 
