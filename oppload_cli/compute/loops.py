@@ -77,7 +77,7 @@ _SIGNATURES = {
 _STAGES = 1, 1, 2  # number of parts in which E, I by P(t-1) and I by P(t-2) are summed
 _MOST_PATHWAYS = 4
 _ZEROS = 8  # number of zeros after each row of cells
-_LANES = 4  # doubles in a vector of rmo.c
+_LANES = 4  # most doubles in a vector of rmo.c
 
 portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")  # True: plain functions run
 

@@ -28,7 +28,7 @@ int runs_wide(void)
 #endif
 }
 
-/* Load eight values of a row from column x on; outside the row the values are 0. */
+/* Load a vector of a row from column x on; outside the row the values are 0. */
 HELD lanes load_within(const float *row, int x, int width)
 {
     lanes values = {0};
@@ -69,7 +69,7 @@ void group(const float *s, int height, int width, int side, float threshold, flo
     }
 }
 
-#define TOGETHER 8 /* rows of a map that are weighted together */
+#define TOGETHER LANES /* rows of a map that are weighted together */
 
 /* Add the weighted sums of `count` rows of a map, from row y on, to the rows first to last - 1 of
  * `half`. Return whether a value of these rows of the map is not 0. */

@@ -11,8 +11,8 @@
 #include "vectors.h"
 
 #define AGES 3                  /* P(t), P(t-1), P(t-2) */
-#define VECTORS 2
-#define STRIP (VECTORS * LANES) /* columns that are computed together */
+#define STRIP 16                /* columns that are computed together */
+#define VECTORS (STRIP / LANES)
 #define FOLDED (2 * STRIP)      /* the sums and the differences of a strip, at one dx */
 #define ROWS 64                 /* rows of a strip that are computed before the next strip */
 #define MOST_REACH 50           /* of a kernel */

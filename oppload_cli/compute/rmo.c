@@ -2,9 +2,11 @@
 #include <math.h>
 #if defined(__AVX__)
 #include <immintrin.h>
+#define LANES 4
+#else
+#define LANES 2
 #endif
 
-#define LANES 4
 typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8)));
 typedef long long mask __attribute__((vector_size(8 * LANES)));
 #define LOAD(at) (*(const lanes *)(at))

@@ -1,12 +1,17 @@
-/* Vectors of eight floats, for the inner loops over maps.
+/* Vectors of floats, for the inner loops over maps.
  *
- * All maps are float32, row after row without gaps.
+ * A vector fills one register: GCC keeps longer ones in memory, where a loop takes six times as
+ * long. All maps are float32, row after row without gaps.
  */
 #pragma once
 #include <stddef.h>
 #include <string.h>
 
+#if defined(__AVX2__)
 #define LANES 8
+#else
+#define LANES 4 /* SSE2, NEON */
+#endif
 typedef float lanes __attribute__((vector_size(4 * LANES), aligned(4)));
 typedef float half __attribute__((vector_size(2 * LANES), aligned(4)));
 typedef double doubles __attribute__((vector_size(4 * LANES)));
@@ -31,9 +36,8 @@ HELD lanes least(lanes a, lanes b) { return where(a < b, a, b); }
 HELD lanes most(lanes a, lanes b) { return where(a > b, a, b); }
 HELD int any_of(mask chosen)
 {
-    int found = 0;
-    for (int n = 0; n < LANES; n++) found |= chosen[n];
-    return found;
+    typedef long long pair __attribute__((vector_size(4 * LANES)));
+    return (((pair)chosen)[0] | ((pair)chosen)[1]) != 0;
 }
 #define KEEP(value)
 #endif
@@ -55,8 +59,9 @@ HELD void store_some(float *at, lanes values, int count)
 HELD float sum_of(lanes values)
 {
     /* A tree: the additions of one row do not wait for each other. */
-    return ((values[0] + values[4]) + (values[2] + values[6]))
-           + ((values[1] + values[5]) + (values[3] + values[7]));
+    for (int step = LANES / 2; step; step /= 2)
+        for (int n = 0; n < step; n++) values[n] += values[n + step];
+    return values[0];
 }
 
 HELD doubles in_double(lanes values)
