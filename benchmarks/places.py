@@ -5,6 +5,7 @@
     python -m benchmarks.places --roll           # staged approaches seen by a camera that rolls
     python -m benchmarks.places --vibration      # the same, a rolling shutter that vibrates
     python -m benchmarks.places --flicker        # the same, a rolling shutter in flickering light
+    python -m benchmarks.places --arrival        # the same, with the times at which frames arrive
     python -m benchmarks.places --cost FOLDER    # processor time
 
 All but the last use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv`` and
@@ -49,8 +50,10 @@ LOOM = "klapoetke2017/loom-l-over-v"
 L_OVER_V = "disk.growth.l_over_v_ms"
 STAGED = "staged/collision"
 RATE = 30  # of the staged approaches, in frames/s
+PAIRS = "two at a time"
 ROLLS = 0, 15, 30, 60, 120  # deg/s
 VIBRATIONS = 0, 0.25, 0.5, 1, 2, 4  # amplitudes in px of 240 rows
+DELAYS = 0, 0.003, 0.01, 0.03, PAIRS  # largest delay in s of a frame on its way
 DEPTHS = 0, 0.05, 0.1, 0.2, 0.3  # of flicker, from its darkest to its brightest moment
 # READOUT_S is the time from the first row of a rolling shutter to the last.
 VIBRATION_HZ, FLICKER_HZ, READOUT_S = 37, 100, 0.02
@@ -207,13 +210,28 @@ def _banded(frames: Sequence[NDArray[np.float32]], depth: float) -> NDArray[np.f
     return shown
 
 
+def _arrivals(count: int, delay: float | str) -> list[float]:
+    """Return the times at which frames arrive with delays of up to `delay` s, or in pairs."""
+    number = np.arange(count)
+    if isinstance(delay, str):
+        times = number // 2 * 2 / RATE + number % 2 * 0.002
+    else:
+        late = np.random.default_rng(0).uniform(0, delay, count)
+        # No frame overtakes another.
+        times = np.maximum.accumulate(number / RATE + late) + number * 1e-6
+    return [float(time) for time in times]
+
+
 def _view_table(
     title: str,
-    view: Callable[[Sequence[NDArray[np.float32]], float], NDArray[np.float32]],
-    sizes: Sequence[float],
+    view: Callable[[Sequence[NDArray[np.float32]], float], NDArray[np.float32]] | None,
+    sizes: Sequence[float | str],
     preset: str,
 ) -> Iterator[str]:
-    """Yield the table of staged approaches seen by a camera with a motion of several sizes."""
+    """Yield the table of staged approaches seen by a camera with a disturbance of several sizes.
+
+    The disturbance is of the pictures, by `view`, or, without it, of their times, by `_arrivals`.
+    """
     params = [parameters_of("opplod", preset)]
     approaches = []
     for protocol in stimulus.load_all(STAGED)[::3]:
@@ -224,9 +242,12 @@ def _view_table(
     for size in sizes:
         leads, errors, count = [], [], 0
         for contact_s, frames in approaches:
-            shown = view(frames, size)
-            records = list(analyse(shown, params, rate=RATE, height=240, preset=preset, rmo=False))
-            before = [contact_s - record.time_s for record in records]
+            taken = [number / RATE for number in range(len(frames))]
+            shown = view(frames, float(size)) if view else np.array(frames, np.float32)
+            times = taken if view else _arrivals(len(frames), size)
+            analysed = analyse(shown, params, times=times, height=240, preset=preset, rmo=False)
+            records = list(analysed)
+            before = [contact_s - time_s for time_s in taken]
             leads += [s for s, each in zip(before, records, strict=True) if each.alarms["opplod"]][
                 :1
             ]
@@ -378,6 +399,7 @@ def main() -> None:
     parser.add_argument("--roll", action="store_true")
     parser.add_argument("--vibration", action="store_true")
     parser.add_argument("--flicker", action="store_true")
+    parser.add_argument("--arrival", action="store_true")
     parser.add_argument("--cost", type=Path, metavar="FOLDER")
     parser.add_argument("--preset", default="reference", metavar="NAME")
     arguments = parser.parse_args()
@@ -389,6 +411,8 @@ def main() -> None:
         table = _view_table("amplitude, px", _vibrating, VIBRATIONS, arguments.preset)
     elif arguments.flicker:
         table = _view_table("depth", _banded, DEPTHS, arguments.preset)
+    elif arguments.arrival:
+        table = _view_table("delay, s", None, DELAYS, arguments.preset)
     elif arguments.cost:
         table = _cost(arguments.cost)
     else:
