@@ -47,6 +47,7 @@ _LAST_NUMBER = re.compile("[0-9]+(?=[^0-9]*$)")
 _GAP = 1.5  # images are missing if a step between two numbers is at least 1.5 usual steps
 # A camera may fail once, for example if USB loses a packet; so its reading is tried again.
 _RETRY_S, _PAUSE_S = 1.0, 0.01  # in all, and between two readings
+_MOST_LATE_S = 1.0  # a time of the driver further from that of arrival is no time of the picture
 _DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # Pillow's modes with 16 bits
 
 
@@ -262,6 +263,7 @@ class CameraSource(PictureSource):
             raise SourceError(
                 f"{name}: this camera gives no picture; check that it is there and not in use"
             )
+        self._first_read_s, self._first_taken_s = time.perf_counter(), self._taken_s()
         rate = self._capture.get(cv2.CAP_PROP_FPS)  # a driver may divide by 0
         exact = Fraction(rate).limit_denominator(1001) if 0 < rate < math.inf else None
         self.facts = InputFacts(
@@ -278,13 +280,24 @@ class CameraSource(PictureSource):
         self._first = first
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield pictures as they come; the time of each is that of its arrival."""
+        """Yield pictures as they come.
+
+        The time of a picture is when the driver took it, or else when it arrived.
+        """
         start = time.perf_counter()  # `monotonic` has steps of 16 ms on Windows
+        taken_s = self._first_taken_s
         colour: Colour | None = self._first
         while colour is not None and not self.stopping:
             index = self.decode.decoded
             self.decode.decoded += 1
-            time_s = time.perf_counter() - start if index else 0.0
+            now_s, before_s, taken_s = time.perf_counter(), taken_s, self._taken_s()
+            time_s = now_s - start if index else 0.0
+            # Pictures that waited in the driver arrive late, several at a time. But a driver may
+            # have no clock, or one with another unit.
+            since_first_s = taken_s - self._first_taken_s
+            late_s = now_s - self._first_read_s - since_first_s
+            if taken_s > before_s and abs(late_s) < _MOST_LATE_S:
+                time_s = since_first_s
             yield Picture(index, time_s, _grey(colour), original=colour)
             colour = self._picture()
             if colour is None and (colour := self._picture_after_failure()) is not None:
@@ -307,6 +320,10 @@ class CameraSource(PictureSource):
                 return colour
             time.sleep(_PAUSE_S)
         return None
+
+    def _taken_s(self) -> float:
+        """Return when the driver took the latest picture, by its own clock."""
+        return float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000
 
     def _picture(self) -> Colour | None:
         read, colour = self._capture.read()

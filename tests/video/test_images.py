@@ -324,6 +324,39 @@ def test_the_times_of_a_camera_are_as_exact_as_a_clock_can_tell(
         assert [frame.time_s for frame in video] == pytest.approx([0, 1 / 120, 2 / 120])
 
 
+@pytest.mark.parametrize(
+    ("taken_ms", "times"),
+    [
+        ([5000, 5040, 5080, 5120], [0, 0.04, 0.08, 0.12]),  # of a driver that keeps pictures
+        ([5000, 5040, 5040, 5200], [0, 0.04, 0.11, 0.2]),  # the third has no time of its own
+        ([0, 0, 0, 0], [0, 0.01, 0.11, 0.12]),  # of a driver without a clock
+        ([0, 5040, 5080, 5120], [0, 0.01, 0.11, 0.12]),  # its clock begins with the second picture
+    ],
+)
+def test_pictures_have_the_times_at_which_the_driver_took_them(
+    taken_ms: list[int], times: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They arrive in pairs; the driver has kept the second one for 0.3 s."""
+    clock = Clock()
+
+    class Late(FakeCamera):
+        count = 4
+
+        def read(self) -> tuple[bool, Any]:
+            clock.sleep({4: 0, 2: 0.1}.get(self.remaining, 0.01))
+            return super().read()
+
+        def get(self, name: int) -> float:
+            at = len(taken_ms) - 1 - max(self.remaining, 0)
+            return taken_ms[at] if name == cv2.CAP_PROP_POS_MSEC else 30.0
+
+    use(Late, monkeypatch)
+    monkeypatch.setattr(images, "time", clock)
+    with open_video("camera:0", height=24) as video:
+        clock.sleep(0.3)
+        assert [frame.time_s for frame in video] == pytest.approx(times)
+
+
 def test_frames_that_come_faster_than_they_are_analysed_are_dropped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
