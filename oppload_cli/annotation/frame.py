@@ -82,20 +82,20 @@ class Layout:
     def of(cls, facts: InputFacts) -> Layout:
         """Return the layout for an input; the size of the text grows with that of the picture."""
         width, height = colour_size(facts)
-        times = math.ceil(_SHORT_SIDE / min(width, height))
-        times = max(1, min(times, LONGEST_SIDE // max(width, height)))
-        width, height = width * times, height * times
-        across = _even(max(width, _LEAST_WIDTH))
-        text = max(_LEAST_TEXT, round(min(across / 56, height / 32)))
+        magnification = math.ceil(_SHORT_SIDE / min(width, height))
+        magnification = max(1, min(magnification, LONGEST_SIDE // max(width, height)))
+        width, height = width * magnification, height * magnification
+        full_width = _even(max(width, _LEAST_WIDTH))
+        text = max(_LEAST_TEXT, round(min(full_width / 56, height / 32)))
         header, plot, gap = 2 * text, 6 * text, text // 2
-        numbers = round(1.4 * text)  # of the time axis
+        axis_numbers = round(1.4 * text)  # of the time axis
         gutter = round(5.5 * text)  # for the names of the levels
         return cls(
-            across,
-            _even(height + header + plot + numbers),
-            _Area((across - width) // 2, 0, width, height),
-            _Area(gap, height, across - 2 * gap, header),
-            _Area(gutter, height + header, across - gutter - gap, plot),
+            full_width,
+            _even(height + header + plot + axis_numbers),
+            _Area((full_width - width) // 2, 0, width, height),
+            _Area(gap, height, full_width - 2 * gap, header),
+            _Area(gutter, height + header, full_width - gutter - gap, plot),
             width / facts.width,
             height / facts.height,
             text,
@@ -191,9 +191,9 @@ class Strip:
                 response, threshold = record.responses.get(name), record.thresholds.get(name)
                 ratio = None
                 if response is not None and threshold:
-                    absolute = self.scale is _OVER_LARGEST
-                    over = self._largest_of(name, response.response) if absolute else threshold
-                    ratio = response.response / over
+                    over_largest = self.scale is _OVER_LARGEST
+                    base = self._largest_of(name, response.response) if over_largest else threshold
+                    ratio = response.response / base
                 points.append(_Point(record.time_s, ratio, record.alarms.get(name, False)))
         for points in self.points.values():
             # One point before the left edge remains, so that the curve begins at the edge.
@@ -261,22 +261,22 @@ class Strip:
                 plot[:, max(0, first) : max(0, last + 1)] = _SHADE
 
     def _curve(self, plot: Bgr, points: list[_Point], paint: _Paint) -> None:
-        """Draw lines between known ratios, thick in an alarm, and a dot at the latest point."""
+        """Draw lines between the ratios, thick in an alarm, and a dot at the latest point."""
         layout = self._layout
-        for known, group in groupby(points, key=lambda each: each.ratio is not None):
-            if not known:
+        for has_ratio, group in groupby(points, key=lambda point: point.ratio is not None):
+            if not has_ratio:
                 continue
             stretch = list(group)
-            columns = [self.column_of(each.time_s) for each in stretch]
-            rows = [layout.level_row(each.ratio or 0.0, self.scale) for each in stretch]
+            columns = [self.column_of(point.time_s) for point in stretch]
+            rows = [layout.level_row(point.ratio or 0.0, self.scale) for point in stretch]
             # In a damaged file, times may jump far away, and OpenCV's coordinates are integers.
-            near = np.clip(np.column_stack([columns, rows]), -_FURTHEST, _FURTHEST)
-            fine = np.rint(near * (1 << _FINE)).astype(np.int32)
-            cv2.polylines(plot, [fine], False, paint, layout.line, cv2.LINE_AA, _FINE)
-            thick = [fine[at : at + 2] for at, each in enumerate(stretch[:-1]) if each.alarm]
+            clipped = np.clip(np.column_stack([columns, rows]), -_FURTHEST, _FURTHEST)
+            path = np.rint(clipped * (1 << _FINE)).astype(np.int32)
+            cv2.polylines(plot, [path], False, paint, layout.line, cv2.LINE_AA, _FINE)
+            thick = [path[at : at + 2] for at, each in enumerate(stretch[:-1]) if each.alarm]
             cv2.polylines(plot, thick, False, paint, 2 * layout.line, cv2.LINE_AA, _FINE)
         if points and points[-1].ratio is not None:
-            x, y = fine[-1].tolist()
+            x, y = path[-1].tolist()
             cv2.circle(plot, (x, y), 2 * layout.line << _FINE, paint, -1, cv2.LINE_AA, _FINE)
 
 
@@ -292,14 +292,14 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
         _sign(canvas, "ALARM", (left, middle), text, INK)
     left += _width_of("ALARM", text, bold=True) + 2 * text
     right = area.x + area.width
-    named = _fitting(list(record.responses), alarming, right - left, text)
-    left_out = len(record.responses) - len(named)
-    if left_out:
-        more = f"+{left_out}"
+    labelled = _fitting(list(record.responses), alarming, right - left, text)
+    omitted = len(record.responses) - len(labelled)
+    if omitted:
+        more = f"+{omitted}"
         right -= _width_of(more, text) + text // 2
         _write(canvas, more, (right, middle), text, _DIM)
         right -= text // 2
-    for name in reversed(named):
+    for name in reversed(labelled):
         label, colour = detector_named(name).label, detector_named(name).colour
         right -= _width_of(label, text, bold=True) + text
         if name in alarming:
@@ -365,17 +365,17 @@ def draw_detections(
     as thick, and the label has the word ALARM. The first detection is drawn last, over the others.
     """
     picture, paint = canvas[layout.picture.slices], bgr(colour)
-    across, down = layout.scale_x, layout.scale_y
+    scale_x, scale_y = layout.scale_x, layout.scale_y
     for detection in reversed(list(detections)):
         box = detection.box
-        left, top = round(box.x * across), round(box.y * down)
-        right = max(round((box.x + box.width) * across), left + 1)
-        bottom = max(round((box.y + box.height) * down), top + 1)
+        left, top = round(box.x * scale_x), round(box.y * scale_y)
+        right = max(round((box.x + box.width) * scale_x), left + 1)
+        bottom = max(round((box.y + box.height) * scale_y), top + 1)
         line = (2 if detection.alarm else 1) * layout.line
         # A dark rim makes the box visible on any picture.
         _draw_edges(picture, (left - 1, top - 1, right + 1, bottom + 1), line + 2, DARK)
         _draw_edges(picture, (left, top, right, bottom), line, paint)
-        centre = round(detection.centre_x * across), round(detection.centre_y * down)
+        centre = round(detection.centre_x * scale_x), round(detection.centre_y * scale_y)
         for ink, width in ((DARK, layout.line + 2), (paint, layout.line)):
             cv2.drawMarker(picture, centre, ink, cv2.MARKER_CROSS, layout.text, width)
         _label(picture, (left, top), layout, detection, colour)

@@ -142,7 +142,7 @@ class AnnotatedVideo:
         canvas[layout.picture.slices] = picture if same_size else cv2.resize(picture, size)
         placing = placing_detector(record.responses)
         if placing is not None and self._boxes != "none":
-            shown = (each for each in record.detections if each.alarm or self._boxes == "all")
-            draw_detections(canvas, layout, shown, placing.colour)
+            boxed = (found for found in record.detections if found.alarm or self._boxes == "all")
+            draw_detections(canvas, layout, boxed, placing.colour)
         self._strip.draw(canvas, record)
         self._recording.write(canvas, record.time_s)
