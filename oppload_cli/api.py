@@ -313,20 +313,20 @@ def run(
     with open_source(source, rate=rate, times=times, height=pixels, preset=chosen.preset) as frames:
         truth = ground_truth(frames.protocol) if isinstance(frames, StimulusVideo) else None
         columns, sidecar = collected(frames, chosen, records.append, truth)
-        # The names of stimuli and arrays are no paths.
-        is_input = isinstance(frames, Video)
-    found = [detection_values(each, one) for each in records for one in each.detections]
+        # Only the name of a video is a path; those of stimuli and arrays are not.
+        is_video = isinstance(frames, Video)
+    detections = [detection_values(record, one) for record in records for one in record.detections]
     name = sidecar["input"]["name"]
-    stem = result_stem(name) if is_input else file_stem(name)
+    stem = result_stem(name) if is_video else file_stem(name)
     table = _table([record.values() for record in records], columns)
-    return Result(Path(f"{stem}{TABLE}"), table, sidecar, _detections(found))
+    return Result(Path(f"{stem}{TABLE}"), table, sidecar, _detections(detections))
 
 
 def _text(value: object) -> str:
     """Return the value of a setting as the command line takes it."""
     if isinstance(value, str) or not isinstance(value, Collection):
         return str(value)
-    return json.dumps(list(value), default=lambda one: getattr(one, "tolist", one.__str__)())
+    return json.dumps(list(value), default=lambda item: getattr(item, "tolist", item.__str__)())
 
 
 def read_result(path: str | Path) -> Result:
@@ -351,8 +351,8 @@ def read_result(path: str | Path) -> Result:
     oppload_cli.errors.ResultError: missing.frames.csv: cannot be read (no such file...
     """
     read = reading.read_result(Path(path))
-    found = reading.read_detections(read.path) or []
-    return Result(read.path, read.frames, read.sidecar, _detections(found), saved=True)
+    detections = _detections(reading.read_detections(read.path) or [])
+    return Result(read.path, read.frames, read.sidecar, detections, saved=True)
 
 
 def _own_truth(result: Result) -> dict[str, Any] | None:
@@ -371,7 +371,7 @@ def _table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.Data
 
 
 def _detections(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Return detections as a table whose types do not depend on what was found; None is NaN."""
+    """Return detections as a table whose types are the same without a row; None is NaN."""
     # If the field of view is known, rows also have columns in degrees.
     columns = dict.fromkeys([*_DETECTION_COLUMNS, *(rows[0] if rows else ())])
     table = pd.DataFrame.from_records(list(rows), columns=list(columns))
