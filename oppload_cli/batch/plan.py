@@ -91,14 +91,14 @@ class Plan:
     def __len__(self) -> int:
         return len(self.inputs) + len(self.failures)
 
-    def shard(self, number: int, of: int) -> Plan:
-        """Return every `of`-th input, beginning with the `number`-th one (from 1).
+    def shard(self, number: int, count: int) -> Plan:
+        """Return every `count`-th input, beginning with the `number`-th one (from 1).
 
         The same list gives the same shards; they never overlap, and together they are the plan.
         Results keep the names that they have in the complete plan. All failures of the plan are in
         the first shard.
         """
-        return Plan(self.inputs[number - 1 :: of], self.failures if number == 1 else [])
+        return Plan(self.inputs[number - 1 :: count], self.failures if number == 1 else [])
 
 
 def planned(named: Iterable[str | Input | Failure], *, recursive: bool = False) -> Plan:
@@ -179,18 +179,18 @@ def _single_images(names: Iterable[str]) -> dict[str, list[str]]:
     for name in names:
         if is_image_file(name):
             images[os.path.dirname(name) or "."].append(name)  # noqa: PTH120 - keeps "./"
-    return {folder: found for folder, found in images.items() if len(found) > 1}
+    return {folder: paths for folder, paths in images.items() if len(paths) > 1}
 
 
 def parse_shard(text: str) -> tuple[int, int]:
     """Return I and N of a shard ``I/N``; raise ParameterError for any other text."""
     match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
-    number, of = (int(match[1]), int(match[2])) if match else (0, 0)
-    if not 1 <= number <= of:
+    number, count = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= number <= count:
         raise ParameterError(
             f"--shard must be I/N with I from 1 to N, such as 1/8 to 8/8, not '{text}'"
         )
-    return number, of
+    return number, count
 
 
 def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
@@ -231,7 +231,7 @@ def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
             )
         entries = [Input(name) for name in text.split("\0") if name]
     elif text.startswith(",".join(FAILURE_COLUMNS)):
-        entries = list(_failed_before(source, text))
+        entries = list(_rows_of_failures(source, text))
     else:
         # Not `splitlines`, which also splits at other characters that a name may hold.
         lines = (line.removesuffix("\r") for line in text.split("\n"))
@@ -243,7 +243,7 @@ def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
     return entries
 
 
-def _failed_before(source: str, text: str) -> Iterator[Input | Failure]:
+def _rows_of_failures(source: str, text: str) -> Iterator[Input | Failure]:
     """Yield the rows of a ``failures.csv``.
 
     The file may be from another place, so its stems are checked: no stem may lead out of the
@@ -334,20 +334,21 @@ class Tally:
             return ExitCode.INCOMPLETE
         return ExitCode.DONE
 
-    def alarms(self, most: int, place: Path, stems: Mapping[str, str]) -> Iterator[str]:
+    def alarms(self, most: int, path: Path, stems: Mapping[str, str]) -> Iterator[str]:
         """Yield how many inputs had an alarm, and the strongest alarms as sentences.
 
-        At most `most` inputs are listed, each by its stem; `place` is the file with all alarms. If
+        At most `most` inputs are listed, each by its stem; `path` is the file with all alarms. If
         there are more detectors than a line can hold, the lines instead count the inputs on which
         each detector alarmed.
         """
         if not self.verdicts:
             return
         alarmed = self.alarmed
-        counts = Counter(each.model for found in alarmed.values() for each in found if each.alarms)
+        verdicts = chain.from_iterable(alarmed.values())
+        counts = Counter(verdict.model for verdict in verdicts if verdict.alarms)
         most_detectors = max(map(len, self.verdicts.values()))
         if most_detectors > MOST_IN_A_LINE:
-            yield f"{len(alarmed)} of {len(self.verdicts)} inputs had an alarm; all alarms: {place}"
+            yield f"{len(alarmed)} of {len(self.verdicts)} inputs had an alarm; all alarms: {path}"
             for model, count in counts.most_common():
                 yield f"  {label_of(model):<26}{count}"
             return
@@ -362,7 +363,7 @@ class Tally:
         for name in sorted(alarmed, key=strength)[:most]:
             yield f"  {stems[name]}: {in_words(alarmed[name])}"
         if len(alarmed) > most:
-            yield f"  and {len(alarmed) - most} more: {place}"
+            yield f"  and {len(alarmed) - most} more: {path}"
 
     def table(self, wall_s: float) -> Iterator[str]:
         """Yield the lines of the table of a batch that took `wall_s` seconds."""

@@ -223,12 +223,12 @@ def _check_workers(client: Any, scheduler: str) -> None:
         raise ParameterError(
             f"--scheduler {scheduler}: has no worker; start some with 'dask worker {scheduler}'"
         ) from error
-    # They call a function of Python: without oppload, they could not load ours.
-    asked = pkgutil.resolve_name, "oppload_cli.version:__version__"
+    # The call is of a function of Python: a worker without oppload could load none of ours.
+    call = pkgutil.resolve_name, "oppload_cli.version:__version__"
     try:
-        ask_workers = partial(client.run, *asked, on_error="return")
+        ask_workers = partial(client.run, *call, on_error="return")
         versions = Call(ask_workers).result(ANSWER_WITHIN_S)
-        of_scheduler = Call(partial(client.run_on_scheduler, *asked)).result(ANSWER_WITHIN_S)
+        of_scheduler = Call(partial(client.run_on_scheduler, *call)).result(ANSWER_WITHIN_S)
     except ImportError as error:
         of_scheduler = error
     except Exception as error:
