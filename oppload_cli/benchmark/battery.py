@@ -289,9 +289,9 @@ def _show(detectors: Sequence[EvaluatedDetector], task: _Task) -> None:
     measured: dict[str, Measured] = {}
     with faults_at(task.protocol.name):
         for height in dict.fromkeys(each.height for each in detectors):
-            same = [each for each in detectors if each.height == height]
+            of_height = [each for each in detectors if each.height == height]
             video = StimulusVideo(task.protocol, height)
-            times, outputs = outputs_of(video, same)
+            times, outputs = outputs_of(video, of_height)
             for name, output in outputs.items():
                 measured[name] = _measure(name, times, output.response, output.alarm)
     rows = [asdict(measured[each.name]) for each in detectors]

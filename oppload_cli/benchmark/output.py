@@ -39,8 +39,8 @@ SIDECAR = "benchmark.json"
 _FILES = ("stimuli.csv", "summary.csv", SIDECAR, "benchmark.html")
 
 
-class _Cells(NamedTuple):
-    """One column of a table for one detector."""
+class _TableCell(NamedTuple):
+    """The results of one detector in one column of a table."""
 
     over_loom: float  # largest response over the response to the looming disk
     alarmed: int  # number of the stimuli with an alarm
@@ -81,10 +81,10 @@ class Benchmark:
         self.detectors = {each.name: detector_named(each.detector) for each in evaluated}
         measured = {name: [each.measured[name] for each in shown] for name in self.names}
         self._peaks = {
-            name: np.array([each.peak or 0.0 for each in found]) for name, found in measured.items()
+            name: np.array([each.peak or 0.0 for each in row]) for name, row in measured.items()
         }
         self._alarmed = {
-            name: np.array([each.alarms > 0 for each in found]) for name, found in measured.items()
+            name: np.array([each.alarms > 0 for each in row]) for name, row in measured.items()
         }
         self.loom = {name: float(self._peaks[name][0]) for name in self.names}
         self.tables = [table for table in TABLES if len(self.labels(table)) > 1]
@@ -103,28 +103,30 @@ class Benchmark:
             return 0.0
         return peak / self.loom[name] if self.loom[name] else math.inf
 
-    def cells(self, table: BatteryTable, label: str, name: str) -> _Cells:
+    def cell(self, table: BatteryTable, label: str, name: str) -> _TableCell:
         """Return the results of one detector in the column `label` of a table."""
         part = [
             (each.column.table, each.column.label) == (table.name, label) for each in self.shown
         ]
         peaks, alarmed = self._peaks[name][part], self._alarmed[name][part]
-        return _Cells(self.over_loom(name, float(peaks.max())), int(alarmed.sum()), len(alarmed))
+        return _TableCell(
+            self.over_loom(name, float(peaks.max())), int(alarmed.sum()), len(alarmed)
+        )
 
     def summary(self, name: str) -> _Summary:
         """Return the results of one detector over all stimuli; each stimulus counts once."""
-        once = np.sort(np.unique([each.key for each in self.shown], return_index=True)[1])
-        shown, peaks = [self.shown[place] for place in once], self._peaks[name][once]
+        first_shown = np.sort(np.unique([each.key for each in self.shown], return_index=True)[1])
+        shown, peaks = [self.shown[index] for index in first_shown], self._peaks[name][first_shown]
         kinds = np.array([each.column.kind for each in shown])
-        alarmed = self._alarmed[name][once]
+        alarmed = self._alarmed[name][first_shown]
         looming, control = kinds == LOOMING, kinds == CONTROL
-        higher = peaks[looming][:, None] - peaks[control]
-        auc = float(np.mean(higher > 0) + np.mean(higher == 0) / 2) if higher.size else math.nan
-        largest, over_loom = "", math.nan
+        excess = peaks[looming][:, None] - peaks[control]
+        auc = float(np.mean(excess > 0) + np.mean(excess == 0) / 2) if excess.size else math.nan
+        largest_label, over_loom = "", math.nan
         if control.any():
-            place = int(np.argmax(np.where(control, peaks, -1)))
-            over_loom = self.over_loom(name, float(peaks[place]))
-            largest = shown[place].column.label
+            index = int(np.argmax(np.where(control, peaks, -1)))
+            over_loom = self.over_loom(name, float(peaks[index]))
+            largest_label = shown[index].column.label
         on = self.alarms_on[name]
         return _Summary(
             auc,
@@ -133,7 +135,7 @@ class Benchmark:
             int(alarmed[control].sum()) if on else None,
             int(control.sum()),
             over_loom,
-            largest,
+            largest_label,
             self.detectors[name].cost_ms,
         )
 
@@ -211,27 +213,27 @@ def write_benchmark(
 
 
 def _rows(benchmark: Benchmark) -> Iterator[dict[str, Cell]]:
-    for each in benchmark.shown:
-        for found in each.measured.values():
+    for shown in benchmark.shown:
+        for measured in shown.measured.values():
             yield {
-                "table": each.column.table,
-                "column": each.column.label,
-                "kind": each.column.kind,
-                "stimulus": each.protocol.name,
-                "detector": found.detector,
-                "peak": found.peak,
-                "peak_over_loom": benchmark.over_loom(found.detector, found.peak or 0.0),
-                "peak_time_s": found.peak_time_s,
-                "motion_end_s": each.protocol.timing.end_s,
-                "alarms": found.alarms if benchmark.alarms_on[found.detector] else None,
-                "first_alarm_s": found.first_alarm_s,
+                "table": shown.column.table,
+                "column": shown.column.label,
+                "kind": shown.column.kind,
+                "stimulus": shown.protocol.name,
+                "detector": measured.detector,
+                "peak": measured.peak,
+                "peak_over_loom": benchmark.over_loom(measured.detector, measured.peak or 0.0),
+                "peak_time_s": measured.peak_time_s,
+                "motion_end_s": shown.protocol.timing.end_s,
+                "alarms": measured.alarms if benchmark.alarms_on[measured.detector] else None,
+                "first_alarm_s": measured.first_alarm_s,
             }
 
 
 def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
     """Draw one table as a heat map of responses, with dots for alarms."""
     labels, names = benchmark.labels(table), benchmark.names
-    cells = [[benchmark.cells(table, label, name) for label in labels] for name in names]
+    cells = [[benchmark.cell(table, label, name) for label in labels] for name in names]
     values = np.array([[cell.over_loom for cell in row] for row in cells])
     least, most = _limits(values)
     width = min(PAGE, 2.4 + 0.26 * len(labels) + 0.9)
