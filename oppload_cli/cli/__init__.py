@@ -162,8 +162,8 @@ def _check_loaded(names: Sequence[str]) -> None:
     }
     if own.difference(*registering.values()):
         return  # one of the files imports the module that registers a detector
-    for name, found in registering.items():
-        if not found:
+    for name, registered in registering.items():
+        if not registered:
             raise ParameterError(
                 f"--load {name}: registers no detector; write @oppload.register above its class"
             )
@@ -250,8 +250,8 @@ def _with_hint(error: click.ClickException) -> click.ClickException:
     if not isinstance(error, click.NoSuchOption):
         return error
     if error.option_name == "--load":
-        place = "--load stands before the command: oppload --load FILE.py run ..."
-        return click.UsageError(place, error.ctx)
+        hint = "--load stands before the command: oppload --load FILE.py run ..."
+        return click.UsageError(hint, error.ctx)
     for word in sys.argv[1:]:
         if word.startswith("-") and os.path.lexists(word):
             name = printable(word)
@@ -278,7 +278,7 @@ def _explained(error: BaseException) -> BaseException:
             "matplotlib finds no folder that it can write for its cache; set the environment "
             "variable MPLCONFIGDIR to one"
         )
-    if isinstance(error, FileNotFoundError) and _is_nowhere():
+    if isinstance(error, FileNotFoundError) and _current_folder_is_gone():
         return SourceError("the current folder was removed; change to another one")
     if isinstance(error, Exception) and not isinstance(
         error, OpploadError | click.ClickException | click.Abort | _ReaderGoneError
@@ -288,7 +288,7 @@ def _explained(error: BaseException) -> BaseException:
     return error
 
 
-def _is_nowhere() -> bool:
+def _current_folder_is_gone() -> bool:
     try:
         Path.cwd()
     except FileNotFoundError:

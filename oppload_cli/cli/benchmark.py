@@ -60,12 +60,12 @@ def benchmark(
     settings, and a file per stimulus in stimuli/. If you stop a benchmark and give the same
     command again, it reads these files and goes on.
     """
-    chosen = options.listed_names(only)
-    columns = columns_of(chosen)
+    names = options.listed_names(only)
+    columns = columns_of(names)
     detectors = chosen_detectors(options.listed_names(models))
-    tables = [table.name for table in TABLES if table.name in chosen or not chosen]
+    tables = [table.name for table in TABLES if table.name in names or not names]
     settings = settings_of(detectors, tables, manifest)
-    read = read_manifest(manifest) if manifest else None
+    labelled = read_manifest(manifest) if manifest else None
     counts: list[int] = []
     # Files of a benchmark with the same settings may exist: this run goes on with it.
     with claimed(output / SIDECAR, "overwrite") as claim:
@@ -86,13 +86,13 @@ def benchmark(
                 f"({folder})"
             )
         clips = None
-        if read is not None:
-            with progress_bar(len(read.entries), "clip", quiet=quiet) as clip_bar:
-                clips = evaluate(read, detectors, jobs=jobs, progress=clip_bar.update)
-            for fault in (*read.notes, *clips.faults):
+        if labelled is not None:
+            with progress_bar(len(labelled.entries), "clip", quiet=quiet) as clip_bar:
+                clips = evaluate(labelled, detectors, jobs=jobs, progress=clip_bar.update)
+            for fault in (*labelled.notes, *clips.faults):
                 say(f"oppload: {fault}")
-        found = Benchmark(shown, detectors, clips)
+        measured = Benchmark(shown, detectors, clips)
         command = ["oppload", *sys.argv[1:]]
-        for path in write_benchmark(found, claim, command=command, settings=settings):
+        for path in write_benchmark(measured, claim, command=command, settings=settings):
             click.echo(path)
     return ExitCode.INCOMPLETE if clips and clips.faults else ExitCode.DONE

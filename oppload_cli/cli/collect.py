@@ -34,7 +34,7 @@ def collect(
     The table has a row per input and model, from the sidecars, or with --frames a row per
     frame. If a result cannot be collected, a message names it, and the others are collected.
     """
-    found = collecting.collect(
+    collected = collecting.collect(
         folders,
         output,
         of_frames=of_frames,
@@ -42,10 +42,10 @@ def collect(
         on_error=lambda error: say(f"oppload: {error}"),
     )
     if not quiet:
-        say(f"{counted(found.good, 'result')}, {counted(found.rows, 'row')} -> {output}")
-    if found.differences and not quiet:
-        say(f"oppload: the results have different settings: {found.differences}")
-    if found.bad:
-        lost = counted(found.bad, "result")
+        say(f"{counted(collected.good, 'result')}, {counted(collected.rows, 'row')} -> {output}")
+    if collected.differences and not quiet:
+        say(f"oppload: the results have different settings: {collected.differences}")
+    if collected.bad:
+        lost = counted(collected.bad, "result")
         say(f"oppload: {lost} could not be collected; the others are in {output}")
-    return ExitCode.INCOMPLETE if found.bad else ExitCode.DONE
+    return ExitCode.INCOMPLETE if collected.bad else ExitCode.DONE

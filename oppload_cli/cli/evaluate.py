@@ -101,20 +101,20 @@ def evaluate(
     chosen = detectors.evaluated_detectors(
         options.listed_names(models), repeats, assignments, config=config, height=height
     )
-    read = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
+    clips = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()
     with claimed(output / "report.json", if_exists) as claim:
-        for fault in (*read.notes, *read.faults):
+        for fault in (*clips.notes, *clips.faults):
             say(f"oppload: {fault}")
-        with progress_bar(len(read.entries), "clip", quiet=quiet) as bar:
-            found = evaluation.evaluate(read, chosen, jobs=jobs, draws=draws, progress=bar.update)
-        for fault in found.faults[len(read.faults) :]:
+        with progress_bar(len(clips.entries), "clip", quiet=quiet) as bar:
+            result = evaluation.evaluate(clips, chosen, jobs=jobs, draws=draws, progress=bar.update)
+        for fault in result.faults[len(clips.faults) :]:
             say(f"oppload: {fault}")
-        made = write_evaluation(found, output, claim, lambda: time.perf_counter() - started)
+        made = write_evaluation(result, output, claim, lambda: time.perf_counter() - started)
         written = [str(path) for path in made]  # `made` writes each file when it yields its path
     click.echo("\n".join(written))
     if not quiet:
-        for line in printed_table(found):
+        for line in printed_table(result):
             say(line)
-    return ExitCode.INCOMPLETE if found.faults else ExitCode.DONE
+    return ExitCode.INCOMPLETE if result.faults else ExitCode.DONE

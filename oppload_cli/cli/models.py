@@ -57,8 +57,8 @@ def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
     if measure:
         if as_json:
             raise ParameterError("--measure prints no JSON; leave out --json")
-        for each in [detector_named(name) for name in names] or list(detectors().values()):
-            click.echo(f"{each.name:<20}{_measured_cost(each):>8.2f} ms per frame")
+        for detector in [detector_named(name) for name in names] or list(detectors().values()):
+            click.echo(f"{detector.name:<20}{_measured_cost(detector):>8.2f} ms per frame")
         return
     known = [*parameter_sets(), *PRESETS]
     for name in names:
@@ -77,9 +77,9 @@ def _list() -> None:
     click.secho(
         "models  (ms per frame of 427 x 240 on one core; stimuli that cause a response)", bold=True
     )
-    for name, each in detectors().items():
-        cost = f"{each.cost_ms:g}" if each.cost_ms else ""
-        click.echo(f"  {name:<20}{cost:>5}  {each.answers_to or each.meaning}")
+    for name, detector in detectors().items():
+        cost = f"{detector.cost_ms:g}" if detector.cost_ms else ""
+        click.echo(f"  {name:<20}{cost:>5}  {detector.answers_to or detector.meaning}")
     click.secho("\npresets", bold=True)
     for preset in PRESETS.values():
         click.echo(f"  {preset.name:<20}{preset.meaning}")
@@ -139,8 +139,8 @@ def _median_cost(detector: type[Detector], texture: NDArray[np.float64]) -> floa
 
 def _facts(detector: type[Detector]) -> Iterator[str]:
     if detector.reference:
-        known = not detector.year or str(detector.year) in detector.reference
-        yield f"source: {detector.reference}{'' if known else f', {detector.year}'}"
+        year_is_named = not detector.year or str(detector.year) in detector.reference
+        yield f"source: {detector.reference}{'' if year_is_named else f', {detector.year}'}"
     if detector.answers_to:
         yield f"responds to: {detector.answers_to}"
     if detector.made_for:
@@ -190,8 +190,8 @@ def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:
     sets = parameter_sets()
     everything: dict[str, dict[str, Any]] = {
         "models": {
-            name: {fact: getattr(each, fact) for fact in _FACTS}
-            for name, each in detectors().items()
+            name: {fact: getattr(detector, fact) for fact in _FACTS}
+            for name, detector in detectors().items()
         },
         "parameters": {name: list(_entries(params)) for name, (_, params) in sets.items()},
         "presets": {
@@ -204,6 +204,6 @@ def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:
         },
     }
     return {
-        title: {name: each for name, each in table.items() if name in names or not names}
+        title: {name: facts for name, facts in table.items() if name in names or not names}
         for title, table in everything.items()
     }

@@ -154,9 +154,9 @@ def complete_stimuli(_: click.Context, __: click.Parameter, text: str) -> list[C
     names = sorted(
         path.relative_to(root).with_suffix("").as_posix() for path in root.rglob("*.toml")
     )
-    found = [name for name in names if name.startswith(text)]
-    found = found or [name for name in names if text in name]
-    return [CompletionItem(name) for name in found] or [CompletionItem(text, type="file")]
+    matching = [name for name in names if name.startswith(text)]
+    matching = matching or [name for name in names if text in name]
+    return [CompletionItem(name) for name in matching] or [CompletionItem(text, type="file")]
 
 
 def listed_names(texts: Iterable[str]) -> list[str]:

@@ -229,19 +229,19 @@ def _readable(
 
     Raises ResultError if no file can be read.
     """
-    found: dict[int, T] = {}
-    bad: list[ResultError] = []
-    for at, path in enumerate(paths):
+    contents: dict[int, T] = {}
+    errors: list[ResultError] = []
+    for index, path in enumerate(paths):
         try:
-            found[at] = read(path)
+            contents[index] = read(path)
         except ResultError as error:
-            bad.append(error)
-    if not found:
-        raise bad[0]
-    for each in bad:
+            errors.append(error)
+    if not contents:
+        raise errors[0]
+    for each in errors:
         _leave_out(each, failures)
-    kept = [labels[at] for at in found] if len(labels) == len(paths) else labels
-    return list(found.values()), kept
+    kept = [labels[index] for index in contents] if len(labels) == len(paths) else labels
+    return list(contents.values()), kept
 
 
 def _leave_out(error: ResultError, failures: list[ResultError]) -> None:
@@ -306,16 +306,16 @@ def _draw_map(results: Sequence[BaseResult], chosen: dict[str, Any]) -> Figure:
         raise ParameterError("--kind map shows one detector; give one --model")
     model = chosen["models"][0] if chosen["models"] else None
     (result,) = results
-    still, missing = None, ""
+    still, remark = None, ""
     try:
         video = chosen["video"] or find_video(result)
     except SourceError as error:
-        missing = f"the map has no video ({error}), so its background is white"
+        remark = f"the map has no video ({error}), so its background is white"
     else:
         still = places.still_of(result, video, model=model)
     figure, _ = oppload.plot_places(result, still, title=chosen["title"], model=model)
-    if missing:
-        say(f"oppload: {result.path}: {missing}")
+    if remark:
+        say(f"oppload: {result.path}: {remark}")
     return figure
 
 
@@ -358,19 +358,20 @@ def _manifest_of(path: Path | None) -> Manifest | None:
 def _clip_of(result: BaseResult, manifest: Manifest) -> Label | None:
     """Return the label of a result's clip; None if the manifest has no clip of this name.
 
-    Of several clips of one name, the path in the sidecar decides; a ResultError if it is none's.
+    If several clips have this name, the path in the sidecar decides. Raises ResultError if it is
+    the path of none of them.
     """
-    found = [each for each in manifest.entries if each.path.name == result.title]
-    if len(found) > 1:
+    clips = [clip for clip in manifest.entries if clip.path.name == result.title]
+    if len(clips) > 1:
         stated = str(result.part("input").get("name"))
         paths = {os.path.realpath(path) for path in (stated, result.path.parent / stated)}
-        found = [each for each in found if os.path.realpath(str(each.path)) in paths]
-        if not found:
+        clips = [clip for clip in clips if os.path.realpath(str(clip.path)) in paths]
+        if not clips:
             raise ResultError(
                 f"{result.path}: several clips of {manifest.path} are named '{result.title}'; "
                 "plot it from the folder of its run, or give --onset and --contact"
             )
-    return found[0].label if found else None
+    return clips[0].label if clips else None
 
 
 def _time_of(result: BaseResult, text: str, label: str) -> float:

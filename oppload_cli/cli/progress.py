@@ -131,8 +131,8 @@ def outcome_lines(task: Task, outcome: Outcome) -> Iterator[str]:
     """Yield the lines about one input whose run has ended."""
     table = task.outputs and task.outputs.csv
     if outcome.skipped:
-        there = table and os.path.lexists(table)
-        reason = f"{table} exists" if there else "another run is writing it"
+        exists = table and os.path.lexists(table)
+        reason = f"{table} exists" if exists else "another run is writing it"
         yield f"{task.name}: skipped, {reason}"
     elif not task.settings.alarm.on:
         yield f"{task.name}: alarms are off; the responses are in the table"
@@ -164,7 +164,7 @@ class AlarmTable:
     """
 
     def __init__(self, names: Iterable[str], models: Sequence[str]) -> None:
-        self._wide = max(
+        self._name_width = max(
             5, min(_WIDEST_NAME, max((len(printable(each)) for each in names), default=0))
         )
         self._models, self._is_new = models, True
@@ -179,15 +179,15 @@ class AlarmTable:
         cells = {each.model: _cell(each) for each in outcome.verdicts}
         self._stars = self._stars or any(each.is_uncounted for each in outcome.verdicts)
         name = printable(name)  # as it is printed: an escaped character is wider than its name
-        shown = name if len(name) <= self._wide else f"...{name[3 - self._wide :]}"
+        text = name if len(name) <= self._name_width else f"...{name[3 - self._name_width :]}"
         end = "skipped" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
         rows = {model: f"{cells.get(model, ''):<{_CELL}}" for model in self._models}
         if not self._by_row:
-            yield f"{shown:<{self._wide}}  {''.join(rows.values())}{end}"
+            yield f"{text:<{self._name_width}}  {''.join(rows.values())}{end}"
             return
         for model, row in rows.items():
-            yield f"{shown:<{self._wide}}  {label_of(model):<{_LABEL}}{row}{end}".rstrip()
-            shown = end = ""  # only in the row of the first detector
+            yield f"{text:<{self._name_width}}  {label_of(model):<{_LABEL}}{row}{end}".rstrip()
+            text = end = ""  # only in the row of the first detector
 
     def legend(self) -> Iterator[str]:
         """Yield the meaning of the column of peaks, if there are rows with peaks."""
@@ -203,9 +203,9 @@ class AlarmTable:
         else:
             labels = (f"{label_of(name):<{_CELL}}" for name in self._models)
             if self._models:
-                yield f"{'':<{self._wide}}  {''.join(labels)}".rstrip()
+                yield f"{'':<{self._name_width}}  {''.join(labels)}".rstrip()
             titles *= len(self._models)
-        yield f"{'input':<{self._wide}}  {titles}frames/s"
+        yield f"{'input':<{self._name_width}}  {titles}frames/s"
 
 
 def _cell(verdict: Verdict) -> str:

@@ -52,9 +52,9 @@ def report(
         check_display()
     folders = [path for path in results if is_folder(path)]
     common = _common_folder(folders)
-    found = tables_in(results)
-    tables = [table for _, table in found]
-    roots = [common if common and is_folder(path) else table.parent for path, table in found]
+    inputs = tables_in(results)
+    tables = [table for _, table in inputs]
+    roots = [common if common and is_folder(path) else table.parent for path, table in inputs]
     folder = output or _folder_of(results)
     with folder_of_outputs(folder):
         page, code = write_pages(

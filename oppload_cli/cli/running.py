@@ -75,7 +75,7 @@ if TYPE_CHECKING:
 
 
 _STANDARD_OUTPUT = "-"
-_LISTED = 10  # how many inputs with alarms, and how many with remarks, are printed
+_MOST_LISTED = 10  # how many inputs with alarms, and how many with remarks, are printed
 # Options that a retry of the failed inputs does not repeat.
 _NOT_REPEATED = {
     "recursive", "files_from", "null", "shard", "dry_run", "if_exists", "report_pages",
@@ -116,7 +116,7 @@ def run_inputs(
     if_exists, command = IfExists(options.if_exists), ["oppload", *sys.argv[1:]]
     task = Task("", settings, None, span, image_rate, if_exists, command, boxes=options.boxes)
     if str(options.output) == _STANDARD_OUTPUT:
-        return _run_one(replace(task, name=_only(inputs, options)), options, opening)
+        return _run_one(replace(task, name=_streamed_input(inputs, options)), options, opening)
     began = time.time()
     plan = _plan_of(inputs, options)
     tasks = _tasks(plan, task, options)
@@ -133,7 +133,7 @@ def run_inputs(
                 shown = settings.models if settings.alarm.on else ()
                 code = _Batch(plan, shown, options).run(tasks)
         except Interrupted as stop:
-            if options.report_pages and _tables(_tasks(plan, task, options)):
+            if options.report_pages and _existing_tables(_tasks(plan, task, options)):
                 words = command_line(["oppload", "report", str(options.output)])
                 raise Interrupted(f"{stop}; '{words}' makes the pages") from stop
             raise
@@ -192,7 +192,7 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
     try:
         outcome = run_task(task, on_open=progress.opened, on_frame=progress.frame, opening=opening)
     except SourceError as error:
-        raise SourceError(f"{error}{_stimulus_of(task.name)}") from error
+        raise SourceError(f"{error}{_stimulus_hint(task.name)}") from error
     except Interrupted as stop:
         if stop.outcome and options.verbosity >= 0:
             progress.close()
@@ -209,13 +209,13 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
     # Maybe an earlier batch has listed the alarms of this result.
     if task.outputs and outcome.verdicts and rows_of(alarms, ALARM_COLUMNS):
         verdicts, stems = {task.name: outcome.verdicts}, {task.name: task.stem}
-        written = _is_written(partial(write_alarms, alarms, verdicts, stems))
+        written = _try_to_write(partial(write_alarms, alarms, verdicts, stems))
     tally = Tally()
     tally.add(task.name, outcome)
     return _exit_code(tally, options, written=written)
 
 
-def _is_written(write: Callable[[], None]) -> bool:
+def _try_to_write(write: Callable[[], None]) -> bool:
     """Write a list of alarms or failures; print the error and return False if that fails."""
     try:
         write()
@@ -231,7 +231,7 @@ def _exit_code(tally: Tally, options: RunOptions, *, written: bool) -> int:
     return code or (ExitCode.DONE if written else ExitCode.INCOMPLETE)
 
 
-def _stimulus_of(name: str) -> str:
+def _stimulus_hint(name: str) -> str:
     """Return how to make the video of a stimulus, if the name of an input is a stimulus."""
     if name.endswith(GROUND_TRUTH):
         return "; this is the ground truth of a stimulus: give its video"
@@ -244,7 +244,7 @@ def _stimulus_of(name: str) -> str:
     return f"; 'oppload stimuli generate {meant}' makes the stimulus of this name" if meant else ""
 
 
-def _tables(tasks: Iterator[Task]) -> list[Path]:
+def _existing_tables(tasks: Iterator[Task]) -> list[Path]:
     """Return the tables of the results that exist."""
     paths = [task.outputs.csv for task in tasks if task.outputs]
     return [path for path in paths if os.path.lexists(path)]
@@ -263,7 +263,7 @@ def _outdated(tasks: Iterator[Task], began: float) -> Iterator[str]:
 
 def _make_pages(tasks: Iterator[Task], options: RunOptions) -> int:
     """Write the pages of the results that exist; return the exit code."""
-    tables = _tables(tasks)
+    tables = _existing_tables(tasks)
     if not tables:
         return ExitCode.DONE
     folder, quiet = options.output, options.quiet
@@ -322,7 +322,7 @@ def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
     return ExitCode.INCOMPLETE if failures else ExitCode.DONE
 
 
-def _only(inputs: tuple[str, ...], options: RunOptions) -> str:
+def _streamed_input(inputs: tuple[str, ...], options: RunOptions) -> str:
     if options.annotate or options.report_pages:
         option = "--annotate" if options.annotate else "--report"
         raise ParameterError(f"{option} writes a file; give a folder with --output, not '-'")
@@ -351,7 +351,7 @@ class _Batch:
             refuse_another_table(self._failures, FAILURE_COLUMNS)
             refuse_another_table(self._alarms, ALARM_COLUMNS)
         self._rows = AlarmTable((each.stem for each in plan.inputs), models)
-        self._tally, self._shown = Tally(plan.failures), bool(models)
+        self._tally, self._alarms_on = Tally(plan.failures), bool(models)
         self._remarked = 0
         for failure in plan.failures:
             say(f"oppload: {failure.message}")
@@ -384,7 +384,7 @@ class _Batch:
             finished = self._tally.inputs.total()
             kept = f"{error}; " if str(error) else ""
             go_on = "; go on with --if-exists skip"
-            if finished == len(self._plan):  # live inputs, which end so as a rule
+            if finished == len(self._plan):  # live inputs, which usually end so
                 go_on = ""
             elif options.if_exists == "overwrite":
                 go_on = "; the same command begins again; --if-exists skip keeps older results too"
@@ -400,7 +400,7 @@ class _Batch:
 
     def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
         if isinstance(result, Failure):
-            yield f"oppload: {result.message}{_stimulus_of(task.name)}"
+            yield f"oppload: {result.message}{_stimulus_hint(task.name)}"
             return
         if self._verbosity >= 0:
             yield from self._rows.lines(task.stem, result)
@@ -408,7 +408,7 @@ class _Batch:
         if not result.remarks or self._verbosity < 0:
             return
         self._remarked += 1
-        if self._remarked <= _LISTED or self._verbosity > 0:
+        if self._remarked <= _MOST_LISTED or self._verbosity > 0:
             yield f"oppload: {task.name}: {'; '.join(result.remarks)}"
 
     def _finish(self) -> bool:
@@ -421,13 +421,13 @@ class _Batch:
         lists: list[Callable[[], None]] = [partial(write_failures, self._failures, tally.failures)]
         if tally.verdicts:
             lists.append(partial(write_alarms, self._alarms, tally.verdicts, stems))
-        written = [_is_written(each) for each in lists]
+        written = [_try_to_write(each) for each in lists]
         if self._verbosity >= 0:
             wall_s = time.monotonic() - self._begun
-            alarms = self._tally.alarms(_LISTED, self._alarms, stems) if self._shown else ()
-            for line in (*self._rows.legend(), *self._tally.table(wall_s), *alarms):
+            alarms = tally.alarms(_MOST_LISTED, self._alarms, stems) if self._alarms_on else ()
+            for line in (*self._rows.legend(), *tally.table(wall_s), *alarms):
                 say(line)
-            more = self._remarked - _LISTED
+            more = self._remarked - _MOST_LISTED
             if more > 0 and not self._verbosity:
                 inputs = "input has" if more == 1 else "inputs have"
                 say(
@@ -464,7 +464,7 @@ def _retry_commands(context: click.Context, failures: Path) -> Iterator[list[str
         value = context.params[name]
         flag = max(option.opts, key=len)
         values = value if option.multiple else [value]
-        words += [flag] if option.is_flag else [w for v in values for w in (flag, str(v))]
+        words += [flag] if option.is_flag else [word for v in values for word in (flag, str(v))]
     overwrite = context.params["if_exists"] == "overwrite"
     yield [*words, "--if-exists", "overwrite" if overwrite else "skip"]
     if context.params["report_pages"]:

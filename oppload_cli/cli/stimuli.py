@@ -57,14 +57,14 @@ def list_stimuli(patterns: tuple[str, ...], as_json: bool) -> None:
 @options.change
 def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
     """Show a protocol: its description, its stimuli, the changed values and its file."""
-    found = [(entry, entry.with_settings(parsed_settings(changes))) for entry in find(name)]
-    say_remarks([protocol for _, entry in found for protocol in entry.protocols()])
+    shown = [(entry, entry.with_settings(parsed_settings(changes))) for entry in find(name)]
+    say_remarks([protocol for _, entry in shown for protocol in entry.protocols()])
     if as_json:
-        changed = [entry.with_changes_described() for _, entry in found]
+        changed = [entry.with_changes_described() for _, entry in shown]
         tables = [protocol.as_table() for entry in changed for protocol in entry.protocols()]
         click.echo(json.dumps(tables, indent=2, ensure_ascii=False))
         return
-    for original, entry in found:
+    for original, entry in shown:
         click.echo(_shown(original, entry))
 
 

@@ -99,12 +99,12 @@ def tune(
     for sweep in sweeps(stimulus, figures, values, over, chosen | {"usual": STUDY_PRESET}):
         options.check_assignments(chosen["assignments"], sweep.settings.models, measure_rmo=False)
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
-        kept = [table, table.with_suffix(".json")]
-        kept += [table.with_suffix(f".{form}")] if form != "none" else []
-        refuse_existing(kept, if_exists)
+        paths = [table, table.with_suffix(".json")]
+        paths += [table.with_suffix(f".{form}")] if form != "none" else []
+        refuse_existing(paths, if_exists)
         with claimed(table, if_exists) as claim:
-            made = _run(sweep, indicator_s, claim, kept, jobs=jobs, quiet=quiet)
-        for path in made:
+            written = _run(sweep, indicator_s, claim, paths, jobs=jobs, quiet=quiet)
+        for path in written:
             click.echo(path)
 
 
@@ -133,15 +133,16 @@ def _run(
     write_tuning(table, conditions)
     command = ["oppload", *sys.argv[1:]]
     sidecar = tuning_sidecar(sweep, command=command, indicator_s=indicator_s, doubts=doubts)
-    write_sidecar(paths[1], sidecar)  # without a summary, which an error of the table prevents
+    table_path, sidecar_path, *plot_paths = paths
+    write_sidecar(sidecar_path, sidecar)  # the summary follows, if the table can be read
     try:
-        measured = oppload.read_tuning(paths[0])
-        write_sidecar(paths[1], sidecar | {"summary": tuning.summary_of(measured)})
+        measured = oppload.read_tuning(table_path)
+        write_sidecar(sidecar_path, sidecar | {"summary": tuning.summary_of(measured)})
         lines = tuning.lines_of([measured])
-        if len(paths) > 2:
-            save_figure(oppload.plot_tuning(measured)[0], paths[2])
+        for plot_path in plot_paths:
+            save_figure(oppload.plot_tuning(measured)[0], plot_path)
     except ResultError as error:
-        if len(paths) > 2:
+        if plot_paths:
             say(f"oppload: no plot: {error}")
         return paths[:2]
     for line in lines:
