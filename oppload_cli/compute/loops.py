@@ -141,30 +141,30 @@ class _Plan:
         quadrants = [_quadrants(kernels.excitation, {})]
         quadrants += [_quadrants(each, kernels.odd_masks) for each in kernels.inhibition]
         stages, taps, offsets = [], [], []
-        for number, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
+        for age, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
             # The nearest values first, which inhibit most; each part takes every n-th of them.
             nearest = sorted(np.argwhere(quadrant[0]).tolist(), key=np.hypot.reduce)
             for stage in (nearest[part::parts] for part in range(parts)):
-                stages.append((number, len(stage)))
+                stages.append((age, len(stage)))
                 taps += [quadrant[:, dy, dx] for dy, dx in stage]
-                offsets += [(number, dy, dx) for dy, dx in stage]
-        age, dy, dx = np.array(offsets, np.intc).reshape(-1, 3).T
+                offsets += [(age, dy, dx) for dy, dx in stage]
+        ages, dy, dx = np.array(offsets, np.intc).reshape(-1, 3).T
         reach = np.zeros(len(quadrants), np.intc)
-        np.maximum.at(reach, age, np.maximum(dy, dx))
+        np.maximum.at(reach, ages, np.maximum(dy, dx))
         self.slots = 1 << int(2 * reach.max()).bit_length()
         # The scratch memory holds zeros, then for each age a ring of `slots` folded rows.
         folded = _library().folded()
         rows = folded * (reach + 1)
-        begins = folded + self.slots * (np.cumsum(rows) - rows)
+        starts = folded + self.slots * (np.cumsum(rows) - rows)
         slot = np.arange(self.slots)[:, None]
         above, below = (
-            begins[age] + (other & (self.slots - 1)) * rows[age] + folded * dx
+            starts[ages] + (other & (self.slots - 1)) * rows[ages] + folded * dx
             for other in (slot - dy, slot + dy)
         )
         self.stages = np.array(stages, np.intc)
         self.taps = np.array(taps, np.float32)
         self.places = np.stack([above, np.where(dy, below, 0)], -1).astype(np.intc)
-        self.rings = np.stack([begins, reach], -1).astype(np.intc)
+        self.rings = np.stack([starts, reach], -1).astype(np.intc)
         self.axes = tuple(kernels.odd_masks)
         self.arguments = (
             *(_address(self.stages), len(stages), _address(self.taps), len(taps)),
@@ -318,19 +318,19 @@ def _in_bands(shape: tuple[int, int], compute: Callable[[int, int, int], object]
     """
     bands = _bands_of(shape)
     threads = min(cv2.getNumThreads(), len(bands))
-    begun: list[Future[object]] = []
+    futures: list[Future[object]] = []
     for band in bands:
         try:
             if threads > 1:
-                begun.append(_band_threads(threads).submit(compute, *band))
+                futures.append(_band_threads(threads).submit(compute, *band))
                 continue
         except RuntimeError as error:
-            # After the end of the main thread, Python refuses new work for the pools of others.
+            # Once the main thread has ended, pools take no new work: this thread does it itself.
             if shortage(error):
                 raise
         compute(*band)
-    for each in begun:
-        each.result()
+    for future in futures:
+        future.result()
 
 
 def _bands_of(shape: tuple[int, int]) -> list[tuple[int, int, int]]:

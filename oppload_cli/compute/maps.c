@@ -29,7 +29,7 @@ int runs_wide(void)
 }
 
 /* Load a vector of a row from column x on; outside the row the values are 0. */
-HELD lanes load_within(const float *row, int x, int width)
+INLINE lanes load_within(const float *row, int x, int width)
 {
     lanes values = {0};
     if (x >= 0 && x + LANES <= width) return LOAD(row + x);
@@ -73,8 +73,8 @@ void group(const float *s, int height, int width, int side, float threshold, flo
 
 /* Add the weighted sums of `count` rows of a map, from row y on, to the rows first to last - 1 of
  * `half`. Return whether a value of these rows of the map is not 0. */
-HELD int weigh_rows(const float *map, int width, int y, int count, const float *down, int height,
-                     int first, int last, float *half)
+INLINE int weigh_rows(const float *map, int width, int y, int count, const float *down, int height,
+                      int first, int last, float *half)
 {
     const float *from = map + (ptrdiff_t)y * width;
     int weighed = 0;

@@ -35,7 +35,7 @@ int folded(void) { return FOLDED; }
 
 /* Fold one row: for each dx, add and subtract the values dx to the left and dx to the right.
  * The differences for dx = 0 are zeros from the start. Outside the frame P is 0. */
-HELD void fold(const float *row, int x, int width, int reach, float *out)
+INLINE void fold(const float *row, int x, int width, int reach, float *out)
 {
     float line[STRIP + 2 * MOST_REACH];
     const float *centre = line + reach;
@@ -59,9 +59,10 @@ HELD void fold(const float *row, int x, int width, int reach, float *out)
     }
 }
 
-/* Fold the rows up to the reach around y from row `next` on; return the row after them. */
-HELD int fold_around(const float *map, struct ring ring, int slots, int next, int y, int x,
-                     int height, int width, float *scratch)
+/* Fold the rows within the reach of row y that are not folded yet, `next` being the first of them.
+ * Return the row after the last. */
+INLINE int fold_around(const float *map, struct ring ring, int slots, int next, int y, int x,
+                       int height, int width, float *scratch)
 {
     float *rows = scratch + ring.begin;
     const ptrdiff_t size = (ptrdiff_t)(ring.reach + 1) * FOLDED;
@@ -77,8 +78,8 @@ HELD int fold_around(const float *map, struct ring ring, int slots, int next, in
 }
 
 /* Add taps to the sums. */
-HELD void add_taps(const float *scratch, const struct place *places, const struct tap *taps,
-                   int count, int directional, struct sums *to)
+INLINE void add_taps(const float *scratch, const struct place *places, const struct tap *taps,
+                     int count, int directional, struct sums *to)
 {
     for (; count--; taps++, places++) {
         const float *above = scratch + places->above, *below = scratch + places->below;
@@ -89,25 +90,25 @@ HELD void add_taps(const float *scratch, const struct place *places, const struc
             KEEP(b);
             to->even[k] += taps->even * (a + b);
             if (!directional) continue;
-            lanes aside = LOAD(above + STRIP + LANES * k) + LOAD(below + STRIP + LANES * k);
-            to->across[k] += taps->across * aside;
+            lanes odd = LOAD(above + STRIP + LANES * k) + LOAD(below + STRIP + LANES * k);
+            to->across[k] += taps->across * odd;
             to->down[k] += taps->down * (a - b);
         }
     }
 }
 
 /* Return J of both axes: I_phi = I / 2 + J_phi, and I_(phi+180) = I / 2 - J_phi. */
-HELD lanes first_axis(int diagonal, lanes across, lanes down)
+INLINE lanes first_axis(int diagonal, lanes across, lanes down)
 {
     return diagonal ? down + across : across;
 }
-HELD lanes second_axis(int diagonal, lanes across, lanes down)
+INLINE lanes second_axis(int diagonal, lanes across, lanes down)
 {
     return diagonal ? down - across : down;
 }
 
 /* Return whether any S is above 0 with the inhibition summed so far. */
-HELD int some_remain(int directional, int diagonal, const lanes *e, const struct sums *i)
+INLINE int some_remain(int directional, int diagonal, const lanes *e, const struct sums *i)
 {
     mask any = {0};
     for (int k = 0; k < VECTORS; k++) {
@@ -124,7 +125,7 @@ HELD int some_remain(int directional, int diagonal, const lanes *e, const struct
 
 /* Store S = max(0, E - inhibition), unless the map is NULL. S is limited to E, so that it is
  * exactly 0 where nothing changed: E is 0 there, but rounding can make inhibition less than 0. */
-HELD void put(float *map, ptrdiff_t at, int count, lanes e, lanes inhibition)
+INLINE void put(float *map, ptrdiff_t at, int count, lanes e, lanes inhibition)
 {
     if (!map) return;
     lanes s = least(most(e - inhibition, (lanes){0}), e);

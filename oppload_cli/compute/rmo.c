@@ -10,24 +10,24 @@
 typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8)));
 typedef long long mask __attribute__((vector_size(8 * LANES)));
 #define LOAD(at) (*(const lanes *)(at))
-#define HELD static inline __attribute__((always_inline))
+#define INLINE static inline __attribute__((always_inline))
 
-HELD lanes kept(mask chosen, lanes values) { return (lanes)(chosen & (mask)values); }
-HELD lanes least(lanes a, lanes b)
+INLINE lanes kept(mask chosen, lanes values) { return (lanes)(chosen & (mask)values); }
+INLINE lanes least(lanes a, lanes b)
 {
     mask less = a < b;
     return (lanes)((less & (mask)a) | (~less & (mask)b));
 }
-HELD lanes magnitude(lanes a) { return (lanes)((mask)a & 0x7fffffffffffffffLL); }
+INLINE lanes magnitude(lanes a) { return (lanes)((mask)a & 0x7fffffffffffffffLL); }
 
-HELD double total(lanes values)
+INLINE double total(lanes values)
 {
     double sum = 0;
     for (int k = 0; k < LANES; k++) sum += values[k];
     return sum;
 }
 
-HELD int any_of(mask chosen)
+INLINE int any_of(mask chosen)
 {
 #if defined(__AVX__)
     return _mm256_movemask_pd((__m256d)chosen);
@@ -64,25 +64,25 @@ void rmo_sums(const double *vectors, const double *starts, int n, double opposit
     lanes opposite = {0}, outward = {0}, inward = {0}, largest = {0};
     long long pairs = 0;
     for (int i = 0; i < count; i++) {
-        lanes x = (lanes){0} + unit_x[i], y = (lanes){0} + unit_y[i], own = (lanes){0} + speed[i];
+        lanes x = (lanes){0} + unit_x[i], y = (lanes){0} + unit_y[i], speed_1 = (lanes){0} + speed[i];
         for (int j = i + 1; j < count; j += LANES) {
             lanes x2 = LOAD(unit_x + j), y2 = LOAD(unit_y + j);
-            lanes against = -(x * x2 + y * y2), aside = magnitude(x * y2 - y * x2);
-            mask are_opposite = against * opposite_tangent > aside;
+            lanes minus_cosine = -(x * x2 + y * y2), sine = magnitude(x * y2 - y * x2);
+            mask are_opposite = minus_cosine * opposite_tangent > sine;
             if (!any_of(are_opposite)) continue;
-            /* Their common line, and the distance of the starts along and across this line. */
+            /* The line of a pair, and the distance of its starts along and across this line. */
             lanes line_x = x - x2, line_y = y - y2;
-            lanes apart_x = start_x[i] - LOAD(start_x + j);
-            lanes apart_y = start_y[i] - LOAD(start_y + j);
-            lanes along = (line_x * apart_x + line_y * apart_y) * outward_tangent;
-            lanes across = magnitude(line_x * apart_y - line_y * apart_x);
-            lanes other = LOAD(speed + j);
-            lanes value = kept(are_opposite, least(own, other) * sides / (own + other));
+            lanes between_x = start_x[i] - LOAD(start_x + j);
+            lanes between_y = start_y[i] - LOAD(start_y + j);
+            lanes along = (line_x * between_x + line_y * between_y) * outward_tangent;
+            lanes across = magnitude(line_x * between_y - line_y * between_x);
+            lanes speed_2 = LOAD(speed + j);
+            lanes rmo = kept(are_opposite, least(speed_1, speed_2) * sides / (speed_1 + speed_2));
             mask are_outward = are_opposite & (along > across);
-            lanes of_outward = kept(are_outward, value);
-            opposite += value;
+            lanes of_outward = kept(are_outward, rmo);
+            opposite += rmo;
             outward += of_outward;
-            inward += kept(-along > across, value);
+            inward += kept(-along > across, rmo);
             largest = -least(-largest, -of_outward);
             for (int k = 0; k < LANES; k++) pairs -= are_outward[k];
         }

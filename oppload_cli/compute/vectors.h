@@ -18,23 +18,23 @@ typedef double doubles __attribute__((vector_size(4 * LANES)));
 typedef int mask __attribute__((vector_size(4 * LANES)));
 #define LOAD(at) (*(const lanes *)(at))
 #define STORE(at, value) (*(lanes *)(at) = (value))
-#define HELD static inline __attribute__((always_inline))
+#define INLINE static inline __attribute__((always_inline))
 
 #if defined(__AVX2__)
 #include <immintrin.h>
-HELD lanes least(lanes a, lanes b) { return (lanes)_mm256_min_ps((__m256)a, (__m256)b); }
-HELD lanes most(lanes a, lanes b) { return (lanes)_mm256_max_ps((__m256)a, (__m256)b); }
-HELD int any_of(mask chosen) { return _mm256_movemask_ps((__m256)chosen); }
+INLINE lanes least(lanes a, lanes b) { return (lanes)_mm256_min_ps((__m256)a, (__m256)b); }
+INLINE lanes most(lanes a, lanes b) { return (lanes)_mm256_max_ps((__m256)a, (__m256)b); }
+INLINE int any_of(mask chosen) { return _mm256_movemask_ps((__m256)chosen); }
 /* Keep a value in a register: otherwise the compiler loads it twice, or rounds it later. */
 #define KEEP(value) __asm__("" : "+x"(value))
 #else
-HELD lanes where(mask chosen, lanes a, lanes b)
+INLINE lanes where(mask chosen, lanes a, lanes b)
 {
     return (lanes)((chosen & (mask)a) | (~chosen & (mask)b));
 }
-HELD lanes least(lanes a, lanes b) { return where(a < b, a, b); }
-HELD lanes most(lanes a, lanes b) { return where(a > b, a, b); }
-HELD int any_of(mask chosen)
+INLINE lanes least(lanes a, lanes b) { return where(a < b, a, b); }
+INLINE lanes most(lanes a, lanes b) { return where(a > b, a, b); }
+INLINE int any_of(mask chosen)
 {
     typedef long long pair __attribute__((vector_size(4 * LANES)));
     return (((pair)chosen)[0] | ((pair)chosen)[1]) != 0;
@@ -42,21 +42,21 @@ HELD int any_of(mask chosen)
 #define KEEP(value)
 #endif
 
-HELD lanes magnitude(lanes a) { return (lanes)((mask)a & 0x7fffffff); }
+INLINE lanes magnitude(lanes a) { return (lanes)((mask)a & 0x7fffffff); }
 
 /* Load or store only the first `count` of the lanes, at the right edge of a map. */
-HELD lanes load_some(const float *at, int count)
+INLINE lanes load_some(const float *at, int count)
 {
     lanes values = {0};
     memcpy(&values, at, (size_t)(count < LANES ? count : LANES) * sizeof(float));
     return values;
 }
-HELD void store_some(float *at, lanes values, int count)
+INLINE void store_some(float *at, lanes values, int count)
 {
     memcpy(at, &values, (size_t)(count < LANES ? count : LANES) * sizeof(float));
 }
 
-HELD float sum_of(lanes values)
+INLINE float sum_of(lanes values)
 {
     /* A tree: the additions of one row do not wait for each other. */
     for (int step = LANES / 2; step; step /= 2)
@@ -64,13 +64,13 @@ HELD float sum_of(lanes values)
     return values[0];
 }
 
-HELD doubles in_double(lanes values)
+INLINE doubles in_double(lanes values)
 {
     const float *at = (const float *)&values;
     return __builtin_convertvector(*(const half *)at, doubles)
            + __builtin_convertvector(*(const half *)(at + LANES / 2), doubles);
 }
-HELD double total(doubles values)
+INLINE double total(doubles values)
 {
     double sum = 0;
     for (int n = 0; n < LANES / 2; n++) sum += values[n];
