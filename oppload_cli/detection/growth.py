@@ -158,7 +158,7 @@ class Products:
         Extent or None
             None if nothing moves outward on both sides.
         """
-        found = None
+        latest = None
         for _ in range(_WINDOWS):
             moments = self._moments(row, column, *self._reach(row, column, x, y))
             if moments is None:
@@ -166,10 +166,10 @@ class Products:
             square_x, square_y, opponency = moments
             before = x, y
             x, y = self._half(square_x * self._cell_x**2), self._half(square_y * self._cell_y**2)
-            found = Extent(x, y, opponency)
+            latest = Extent(x, y, opponency)
             if abs(x - before[0]) < self._cell_x / 4 and abs(y - before[1]) < self._cell_y / 4:
                 break
-        return found
+        return latest
 
     def better_unit(self, row: int, column: int, extent: Extent) -> tuple[int, int]:
         """Return the unit with most outward motion around it: the given unit or a neighbour.
@@ -177,13 +177,13 @@ class Products:
         The window follows from `extent`, and is the same for all nine units.
         """
         rows, columns = self._maps.responses.shape
-        best, found = -math.inf, (row, column)
+        most_outward, unit = -math.inf, (row, column)
         for y in range(max(0, row - 1), min(rows, row + 2)):
             for x in range(max(0, column - 1), min(columns, column + 2)):
                 moments = self._moments(y, x, *self._reach(y, x, extent.x, extent.y))
-                if moments is not None and moments[2] > best:
-                    best, found = moments[2], (y, x)
-        return found
+                if moments is not None and moments[2] > most_outward:
+                    most_outward, unit = moments[2], (y, x)
+        return unit
 
     def _reach(self, row: int, column: int, x: float, y: float) -> tuple[int, int]:
         """Return the half sides of the window in cells; it does not reach beyond the frame."""
@@ -198,14 +198,14 @@ class Products:
         self, row: int, column: int, reach_y: int, reach_x: int
     ) -> tuple[float, float, float] | None:
         """Return E[u_x^2], E[u_y^2] (weighted by outward products) and outward minus inward."""
-        here = np.s_[row - reach_y : row + reach_y + 1, column - reach_x : column + reach_x + 1]
+        window = np.s_[row - reach_y : row + reach_y + 1, column - reach_x : column + reach_x + 1]
         middle_y, middle_x = self._middle
         span_y = slice(middle_y - reach_y, middle_y + reach_y + 1)
         span_x = slice(middle_x - reach_x, middle_x + reach_x + 1)
         outward = np.zeros((2 * reach_y + 1, 2 * reach_x + 1), np.float32)
         difference = 0.0
-        for one, other, signs in self._pairs:
-            products = one[here] * other[here][::-1, ::-1]
+        for passing, opposite, signs in self._pairs:
+            products = passing[window] * opposite[window][::-1, ::-1]
             products *= signs[span_y, span_x]
             difference += float(products.sum())
             outward += np.maximum(products, 0)
@@ -327,28 +327,28 @@ def growth(now: Pyramid, before: Pyramid, region: Region, start: float = 0.0) ->
     x, y, half_x, half_y = region
     # At this level the region has about SIDE to 2 SIDE pixels across.
     level = max(0, math.floor(math.log2(2 * math.sqrt(half_x * half_y) / SIDE)))
-    here = now.samples(region, level)
-    seen, slopes = _slopes(here, half_x / half_y)
+    later = now.samples(region, level)
+    seen, slopes = _slopes(later, half_x / half_y)
     exact = slopes.astype(np.float64)  # the matrix is nearly singular for a single straight edge
     _, inverse = cv2.invert(exact @ exact.T + _PRIOR)
-    flat = here.ravel()
+    flat = later.ravel()
     scale, a, b, turn = 1 + start, 0.0, 0.0, 0.0
     for _ in range(_ROUNDS):
         region = (x + a * half_x, y + b * half_y, scale * half_x, scale * half_y)
-        there = before.samples(region, level, turn).ravel()
-        both = seen & (there >= 0)
-        count = int(np.count_nonzero(both))
+        earlier = before.samples(region, level, turn).ravel()
+        in_both_frames = seen & (earlier >= 0)
+        count = int(np.count_nonzero(in_both_frames))
         if count < _LEAST_SEEN * SIDE**2:
             return None
-        rest = (there - flat) * both
-        moved_a, moved_b, shrunk, turned = (inverse @ (slopes @ rest)).tolist()
+        residual = (earlier - flat) * in_both_frames
+        moved_a, moved_b, shrunk, turned = (inverse @ (slopes @ residual)).tolist()
         if shrunk <= -1:
             return None
         scale /= 1 + shrunk
         a, b, turn = a - scale * moved_a, b - scale * moved_b, turn - turned
         if not 1 / _MOST_GROWTH < scale < _MOST_GROWTH or max(abs(a), abs(b)) > _FURTHEST:
             return None
-    variance = max(float(rest @ rest) / count, _NOISE**2)
+    variance = max(float(residual @ residual) / count, _NOISE**2)
     return Growth(scale - 1, math.sqrt(_ALIKE * variance * float(inverse[2, 2])))
 
 
@@ -443,8 +443,8 @@ class Contact:
         lacking = self._params.least_frames - len(times)
         if lacking > 1 or passed[0] + span < self._params.least_s:
             return None
-        contact, error, away = _mean(contacts, errors)
-        kept = np.abs(away) <= _TOO_FAR * math.sqrt(float(away @ away) / len(away))
+        contact, error, z = _mean(contacts, errors)
+        kept = np.abs(z) <= _TOO_FAR * math.sqrt(float(z @ z) / len(z))
         if self._params.least_frames <= kept.sum() < len(kept):
             times, contacts, errors = times[kept], contacts[kept], errors[kept]
             contact, error, _ = _mean(contacts, errors)
@@ -452,18 +452,18 @@ class Contact:
         grown = (contact - times[0]) / remaining if remaining > 0 else 0.0
         # Growths over overlapping times are not independent, so that the error is larger.
         error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
-        of_one = float(np.mean(errors**-2)) ** -0.5
+        single_error = float(np.mean(errors**-2)) ** -0.5
         largest = self._params.largest_error * remaining
         # With one growth fewer, the others may agree by chance. So each must be more exact: the
         # error of one growth, a mean over all of them, must be small too.
-        sure = error < largest and (lacking <= 0 or of_one < largest / 2)
-        return (remaining, of_one) if sure and grown >= self._params.least_growth else None
+        is_sure = error < largest and (lacking <= 0 or single_error < largest / 2)
+        return (remaining, single_error) if is_sure and grown >= self._params.least_growth else None
 
 
 def _mean(values: Floats, errors: Floats) -> tuple[float, float, Floats]:
-    """Return the weighted mean, its standard error, and each deviation in standard errors."""
+    """Return the weighted mean, its standard error, and each deviation z in standard errors."""
     weights = errors**-2
     mean = float(weights @ values / weights.sum())
-    away = (values - mean) / errors
-    variance = float(away @ away) / (len(values) - 1) / float(weights.sum())
-    return mean, math.sqrt(variance), away
+    z = (values - mean) / errors
+    variance = float(z @ z) / (len(values) - 1) / float(weights.sum())
+    return mean, math.sqrt(variance), z

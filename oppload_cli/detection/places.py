@@ -85,7 +85,7 @@ class Detection(NamedTuple):
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _NEAR = 0.25  # a peak nearer to an object's focus, in receptive fields, belongs to the object
 _AROUND = 1.15  # enlarges the box, which is up to 10 % too small: the outline shows most growth
-_YOUNGEST = 1 - NEARLY_ONE  # least age of the compared frame in intervals: else growth is too small
+_LEAST_AGE = 1 - NEARLY_ONE  # in intervals, of the compared frame: else growth is too small
 _GROWTH = 1.25  # growth from one frame to the next shortly before contact
 
 
@@ -110,13 +110,13 @@ def _peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     )
     rows, columns = np.nonzero(tops)
     order = np.argsort(-responses[rows, columns], kind="stable")
-    found: list[_Peak] = []
+    peaks: list[_Peak] = []
     for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
-        if len(found) == params.most:
+        if len(peaks) == params.most:
             break
-        if not any(_shares_field(maps, row, column, each) for each in found):
-            found.append(_Peak(row, column, float(responses[row, column])))
-    return found
+        if not any(_shares_field(maps, row, column, each) for each in peaks):
+            peaks.append(_Peak(row, column, float(responses[row, column])))
+    return peaks
 
 
 def _focus(maps: UnitMaps, row: int, column: int) -> tuple[float, float]:
@@ -133,14 +133,14 @@ def _shares_field(maps: UnitMaps, row: int, column: int, peak: _Peak) -> bool:
 
 def _top(values: Map, centres: Floats, index: int) -> float:
     """Return the top of the parabola through the logarithms of a peak and its two neighbours."""
-    here = float(centres[index])
+    centre = float(centres[index])
     if not 0 < index < len(centres) - 1 or not (values[index - 1 : index + 2] > 0).all():
-        return here
+        return centre
     before, top, after = np.log(values[index - 1 : index + 2].astype(np.float64))
     bend = before - 2 * top + after
     if bend == 0:
-        return here
-    return here + 0.5 * float((before - after) / bend) * float(centres[1] - centres[0])
+        return centre
+    return centre + 0.5 * float((before - after) / bend) * float(centres[1] - centres[0])
 
 
 @dataclass(eq=False)
@@ -177,11 +177,11 @@ class Track:
     time_to_contact_s: float | None = None
     time_to_contact_error_s: float | None = None
 
-    def holds(self, x: float, y: float, near: float) -> float | None:
+    def distance_to(self, x: float, y: float, near: float) -> float | None:
         """Return a point's distance from the focus, 0 to 1; None for a point outside the object."""
         reach_x, reach_y = (max(near, _GROWTH * half) for half in (self.extent.x, self.extent.y))
-        away = max(abs(x - self.x) / reach_x, abs(y - self.y) / reach_y)
-        return away if away <= 1 else None
+        distance = max(abs(x - self.x) / reach_x, abs(y - self.y) / reach_y)
+        return distance if distance <= 1 else None
 
 
 class Places:
@@ -227,12 +227,12 @@ class Places:
         """
         self._maps = maps
         self._keep(luma, time_s)
-        found = _peaks(maps, self._params)
-        self._products = Products(maps) if found and maps.pathways else None
+        peaks = _peaks(maps, self._params)
+        self._products = Products(maps) if peaks and maps.pathways else None
         oldest = min(time_s - self._params.gap_s - ROUNDING_S, self._before_s)
         self._tracks = [track for track in self._tracks if track.seen_s >= oldest]
         shown: list[Track] = []
-        for peak in found:
+        for peak in peaks:
             track = self._owner(peak)
             if track is None:
                 track = self._new(peak, time_s)
@@ -245,7 +245,7 @@ class Places:
 
     def _keep(self, luma: Map, time_s: float) -> None:
         """Keep this frame, and the youngest frame that is at least an interval older."""
-        old_s = time_s - _YOUNGEST * self._interval_s
+        old_s = time_s - _LEAST_AGE * self._interval_s
         while len(self._frames) > 1 and self._frames[1][0] <= old_s:
             self._frames.popleft()
         self._frames.append((time_s, Pyramid(luma)))
@@ -253,8 +253,8 @@ class Places:
     def _owner(self, peak: _Peak) -> Track | None:
         x, y = self._maps.centres_x[peak.column], self._maps.centres_y[peak.row]
         near = _NEAR * self._maps.field
-        held = [(track.holds(x, y, near), track) for track in self._tracks]
-        own = [(away, track.identity, track) for away, track in held if away is not None]
+        distances = [(track.distance_to(x, y, near), track) for track in self._tracks]
+        own = [(away, track.identity, track) for away, track in distances if away is not None]
         return min(own)[2] if own else None
 
     def _new(self, peak: _Peak, time_s: float) -> Track | None:
@@ -284,10 +284,10 @@ class Places:
         if self._products and max(abs(row - track.row), abs(column - track.column)) > 1:
             # The peak may be an edge of an object that is larger than the receptive field, or a new
             # focus. The unit with more outward motion around it is taken.
-            place = self._products.better_unit(track.row, track.column, track.extent)
-            held = self._products.extent(*place, track.extent.x, track.extent.y)
-            if held and (extent is None or held.opponency > extent.opponency):
-                extent, (row, column) = held, place
+            unit = self._products.better_unit(track.row, track.column, track.extent)
+            around_unit = self._products.extent(*unit, track.extent.x, track.extent.y)
+            if around_unit and (extent is None or around_unit.opponency > extent.opponency):
+                extent, (row, column) = around_unit, unit
                 x, y = float(self._maps.centres_x[column]), float(self._maps.centres_y[row])
         track.row, track.column, track.x, track.y = row, column, x, y
         track.extent = extent or track.extent
@@ -300,7 +300,7 @@ class Places:
             return
         before_s, before = self._frames[0]
         passed_s = time_s - before_s
-        if passed_s > 0 and passed_s >= _YOUNGEST * self._interval_s:
+        if passed_s > 0 and passed_s >= _LEAST_AGE * self._interval_s:
             region = track.x, track.y, _AROUND * track.extent.x, _AROUND * track.extent.y
             start = track.contact.expected(time_s, before_s)
             if found := growth(self._frames[-1][1], before, region, start):
