@@ -44,11 +44,11 @@ def _versions() -> dict[str, str | None]:
     The version is in the name of a folder, as ``NAME-VERSION.dist-info``: to ask
     `importlib.metadata` would take 30 ms of each run.
     """
-    found: dict[str, str] = {}
-    for folder in (each for place in sys.path for each in Path(place).glob("*.*-info")):
+    versions: dict[str, str] = {}
+    for folder in (info for path in sys.path for info in Path(path).glob("*.*-info")):
         name, _, version = folder.stem.partition("-")
-        found.setdefault(name.lower().replace("_", "-"), version)
+        versions.setdefault(name.lower().replace("_", "-"), version)
     # OpenCV has several packages, which overwrite each other: only the library itself knows.
     package = getattr(cv2, "version", None)
-    found["opencv-python-headless"] = getattr(package, "opencv_version", cv2.__version__)
-    return {name: found.get(name) for name in _LIBRARIES}
+    versions["opencv-python-headless"] = getattr(package, "opencv_version", cv2.__version__)
+    return {name: versions.get(name) for name in _LIBRARIES}
