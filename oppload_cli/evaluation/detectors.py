@@ -92,11 +92,11 @@ def evaluated_detectors(
         preset, names = of_file.preset, list(names) or of_file.models
     chosen = _full_names(names, preset)
     _, others = _by_presets()
-    own = [name for name in chosen if name not in others] or _usual()
-    rest = [name for name in others if detectors()[name].evaluated or name in chosen]
+    with_presets = [name for name in chosen if name not in others] or _usual()
+    without = [name for name in others if detectors()[name].evaluated or name in chosen]
     options = {"repeats": repeats, "assignments": assignments, "config": config, "height": height}
-    found = [_evaluated(name, **options) for name in (*own, *rest)]
-    sets = {*(each.detector for each in found), "alarm", "repeats", "time"}
+    evaluated = [_evaluated(name, **options) for name in (*with_presets, *without)]
+    sets = {*(each.detector for each in evaluated), "alarm", "repeats", "time"}
     for assignment in assignments:
         name = assignment.partition(".")[0].strip()
         if name not in sets:
@@ -104,7 +104,7 @@ def evaluated_detectors(
                 f"'{assignment}': the evaluation has no parameter set '{name}'; add a detector "
                 f"with --model, or choose {', '.join(sorted(sets))}"
             )
-    return found
+    return evaluated
 
 
 def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:

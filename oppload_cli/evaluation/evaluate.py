@@ -74,11 +74,11 @@ def evaluate(
     faults = list(manifest.faults)
     entries, clips = [], []
     analysed = analyse_clips(manifest.entries, detectors, jobs=jobs, progress=progress)
-    for entry, each in zip(manifest.entries, analysed, strict=True):
-        faults += [f"{manifest.path}: row {entry.row}: {fault}" for fault in each.faults]
-        if each.clip is not None:
+    for entry, result in zip(manifest.entries, analysed, strict=True):
+        faults += [f"{manifest.path}: row {entry.row}: {fault}" for fault in result.faults]
+        if result.clip is not None:
             entries.append(entry)
-            clips.append(each.clip)
+            clips.append(result.clip)
     if not clips:
         # The faults of the manifest are known already; those of the clips have no other place.
         shown = faults[len(manifest.faults) :] or faults
@@ -135,10 +135,10 @@ def _analyse_video(
     outputs: dict[str, Output] = {}
     try:
         for height in dict.fromkeys(each.height for each in detectors):
-            same = [each for each in detectors if each.height == height]
+            of_height = [each for each in detectors if each.height == height]
             with _opened(entries[0].path, height, threads) as video:
-                times, found = outputs_of(video, same)
-                outputs.update(found)
+                times, new_outputs = outputs_of(video, of_height)
+                outputs.update(new_outputs)
                 complete, facts = video.decode.complete, video.facts
     # ParameterError: a picture is too wide for the working height.
     except (SourceError, StimulusError, ParameterError) as error:
@@ -209,12 +209,12 @@ def outputs_of(
         for group in groups
     ]
     table = list(side_by_side(video, passes))
-    found = {
+    outputs = {
         each.name: _output([row[index] for row in table], each)
         for index, group in enumerate(groups)
         for each in group
     }
-    return np.array([record.time_s for record, *_ in table]), found
+    return np.array([record.time_s for record, *_ in table]), outputs
 
 
 def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetector]]:
@@ -236,8 +236,8 @@ def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetect
 
 def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Output:
     name = detector.detector
-    found = [record.responses.get(name) for record in records]
-    response = np.array([each and each.response for each in found], float)
+    responses = [record.responses.get(name) for record in records]
+    response = np.array([each and each.response for each in responses], float)
     known = ~np.isnan(response)
     response[np.logical_or.accumulate(known) & ~known] = 0.0  # missing after the first response
     alarm = None
@@ -251,7 +251,7 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
         response,
         np.array([*map(detector.alarm.evidence, response, contact_s)], float),
         alarm,
-        _boxes(None if each is None else each.box for each in found),
+        _boxes(None if each is None else each.box for each in responses),
         _boxes(each and each.box for each in objects),
         contact_s,
     )

@@ -115,18 +115,18 @@ def _protocols_of(
     If videos replace the background, stimuli without a background, with a cut or with a moving
     camera are left out.
     """
-    found = [entry.with_settings(settings) for name in names for entry in stimulus.find(name)]
+    entries = [entry.with_settings(settings) for name in names for entry in stimulus.find(name)]
     if backgrounds:
         videos = {"scene.background": [str(path) for path in backgrounds], **_FOOTAGE}
-        fits = [entry for entry in found if _takes_footage(entry.table)]
-        found = [entry.with_settings(videos) for entry in fits]
-        if not found:
+        fits = [entry for entry in entries if _takes_footage(entry.table)]
+        entries = [entry.with_settings(videos) for entry in fits]
+        if not entries:
             raise StimulusError(
                 f"--background: none of {', '.join(names)} has a background and a camera at rest; "
                 "name others, such as 'staged/*'"
             )
     made: dict[str, Protocol] = {}
-    for entry in found:
+    for entry in entries:
         for protocol in entry.protocols():
             if made.setdefault(protocol.name, protocol) != protocol:
                 raise StimulusError(
@@ -251,22 +251,22 @@ def _conditions_of(protocol: Table) -> dict[str, str]:
     scene, camera = protocol.get("scene", {}), protocol.get("camera", {})
     pictures = [each for each in protocol.get("object", []) if each["kind"] == PICTURE]
     moves = [f"{word} {camera[key]:g}" for key, word in _CAMERA.items() if camera.get(key)]
-    found = {"kind": _kind(protocol, pictures, moves)}
+    conditions = {"kind": _kind(protocol, pictures, moves)}
     if scene.get("background"):
-        found["background"] = Path(scene["background"]).stem
-        found["camera"] = ", ".join(moves) or "at rest"
-    for each in pictures[:1]:
-        course = each["course"]
-        found["size"] = f"{each['size_m']:g} m"
-        found["drawing"] = each.get("drawing") or Path(each["file"]).stem
+        conditions["background"] = Path(scene["background"]).stem
+        conditions["camera"] = ", ".join(moves) or "at rest"
+    for picture in pictures[:1]:
+        course = picture["course"]
+        conditions["size"] = f"{picture['size_m']:g} m"
+        conditions["drawing"] = picture.get("drawing") or Path(picture["file"]).stem
         for key, name, unit in (("speed_m_s", "speed", " m/s"), ("side", "side", "")):
             if course.get(key) and not (key == "side" and course["kind"] == "collision"):
-                found[name] = f"{course[key]:g}{unit}" if unit else course[key]
-        if "relative_luminance" in each:
-            found["contrast"] = f"{each['relative_luminance'] - 1:+.2g}"
+                conditions[name] = f"{course[key]:g}{unit}" if unit else course[key]
+        if "relative_luminance" in picture:
+            conditions["contrast"] = f"{picture['relative_luminance'] - 1:+.2g}"
         right, up = course["bearing_deg"]
-        found["place"] = f"{right:g}, {up:g} deg"
-    return found
+        conditions["place"] = f"{right:g}, {up:g} deg"
+    return conditions
 
 
 def _kind(protocol: Table, pictures: Sequence[Table], moves: Sequence[str]) -> str:

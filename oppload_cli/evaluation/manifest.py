@@ -101,8 +101,8 @@ def _notes_of(path: Path, header: Sequence[str]) -> tuple[str, ...]:
 
 def _meant(name: str, known: Sequence[str]) -> str:
     """Return the known name that is similar to a misspelt name, in brackets; empty if none is."""
-    near = nearest(name, known)
-    return f" (did you mean '{near}'?)" if near else ""
+    similar = nearest(name, known)
+    return f" (did you mean '{similar}'?)" if similar else ""
 
 
 def _check_header(path: Path, header: Sequence[str]) -> None:
@@ -138,11 +138,11 @@ def _entry(
         )
     if not (is_file(path) or is_folder(path)):
         raise _RowError(f"{row['file']}: is a pipe or a device; give a file or a folder of images")
-    same = os.path.realpath(path)
-    if same in row_of:
-        raise _RowError(f"{row['file']} is in row {row_of[same]} already; keep one of them")
+    real_path = os.path.realpath(path)
+    if real_path in row_of:
+        raise _RowError(f"{row['file']} is in row {row_of[real_path]} already; keep one of them")
     label = _label(row)
-    row_of[same] = number
+    row_of[real_path] = number
     return Entry(number, path, label)
 
 

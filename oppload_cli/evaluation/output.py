@@ -93,7 +93,7 @@ def write_evaluation(
 
 def printed_table(evaluation: Evaluation) -> Iterator[str]:
     """Yield the lines to print: detections and false alarms of each detector, with intervals."""
-    found = {(one.detector, one.measure, one.condition): one for one in evaluation.measurements}
+    measured = {(one.detector, one.measure, one.condition): one for one in evaluation.measurements}
     minutes = _quiet_minutes(evaluation)
     approaches = sum(clip.label.looming for clip in evaluation.clips)
     yield (
@@ -110,7 +110,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
         yield f"{title:<{wide}}  {'detected':<24}{'lead (s)':<10}false alarms per minute"
         for each in evaluation.detectors:
             rate, lead, false = (
-                found.get((each.name, measure, condition))
+                measured.get((each.name, measure, condition))
                 for measure in ("detection_rate", "lead_time_s", "false_alarms_per_minute")
             )
             detected = NO_VALUE
@@ -125,7 +125,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
         "minute on these clips. Held out: the threshold for each clip comes from the other "
         "videos; expect these results on new footage."
     )
-    yield from _by_kind(evaluation, found)
+    yield from _by_kind(evaluation, measured)
     if any(
         one.value == 0 and (one.measure, one.condition) == ("false_alarms_per_minute", SHIPPED)
         for one in evaluation.measurements
@@ -138,11 +138,11 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
 
 
 def _by_kind(
-    evaluation: Evaluation, found: dict[tuple[str, str, str], Measurement]
+    evaluation: Evaluation, measured: dict[tuple[str, str, str], Measurement]
 ) -> Iterator[str]:
     """Yield lines for stimuli: the share of clips of each kind with a false alarm, by detector."""
     start = f"{AT_ONE}, {KIND} "
-    conditions = (condition for _, measure, condition in found if measure == "alarmed_share")
+    conditions = (condition for _, measure, condition in measured if measure == "alarmed_share")
     kinds = [
         each.removeprefix(start) for each in dict.fromkeys(conditions) if each.startswith(start)
     ]
@@ -154,7 +154,7 @@ def _by_kind(
     yield "  ".join([" " * width, *labels.values()])
     for kind in kinds:
         cells = [
-            f"{_value(found.get((name, 'alarmed_share', start + kind))):<{len(label)}}"
+            f"{_value(measured.get((name, 'alarmed_share', start + kind))):<{len(label)}}"
             for name, label in labels.items()
         ]
         yield "  ".join([f"{kind:<{width}}", *cells])
@@ -165,13 +165,13 @@ def _quiet_minutes(evaluation: Evaluation) -> float:
     return math.fsum(clip.seconds(*clip.quiet) for clip in evaluation.clips) / 60
 
 
-def _value(one: Measurement | None) -> str:
-    return number(one.value if one else None)
+def _value(measured: Measurement | None) -> str:
+    return number(measured.value if measured else None)
 
 
-def _interval(one: Measurement | None) -> str:
-    known = one is not None and not math.isnan(one.low)
-    return f" ({number(one.low)} to {number(one.high)})" if one and known else ""
+def _interval(measured: Measurement | None) -> str:
+    known = measured is not None and not math.isnan(measured.low)
+    return f" ({number(measured.low)} to {number(measured.high)})" if measured and known else ""
 
 
 def _row(measurement: Measurement) -> dict[str, Cell]:
@@ -296,9 +296,9 @@ def _integer(value: float, kind: type[int]) -> int | None:
 
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
+        return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_finite(one) for one in value]
+        return [_finite(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

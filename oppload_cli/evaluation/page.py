@@ -202,8 +202,8 @@ def _pictures(evaluation: Evaluation, moments: Collection[_Moment]) -> dict[_Mom
 
 def _frames(path: Path | Protocol, wanted: set[int]) -> Iterator[tuple[int, bytes]]:
     if not isinstance(path, Path):
-        drawn = Renderer(path)
-        yield from ((frame, _jpeg(drawn.grey(frame))) for frame in sorted(wanted))
+        renderer = Renderer(path)
+        yield from ((frame, _jpeg(renderer.grey(frame))) for frame in sorted(wanted))
         return
     span = Span(start=Position(frame=min(wanted)), end=Position(frame=max(wanted) + 1))
     try:

@@ -34,9 +34,9 @@ _WIDTH, _HEIGHT = 4.8, 3.5  # inches, for up to 8 detectors or kinds of motion
 _ROW, _ROWS = 0.3, 8  # inches by which the figure grows for each further one
 _LEGEND_EM, _HANDLE_EM = 52, 4.8  # width of the legend and of what is beside a label, in its font
 _HIGHEST_RATE = 6.0  # false alarms per minute at the end of the axis
-_SHOWN = 1.6  # the axis of false alarms ends at this multiple of the highest rate
-_APART = 0.09  # of two points with equal lead times, in rows
-_REACH = 0.42  # of the points of a detector above and below its row
+_AXIS_END = 1.6  # the axis of false alarms ends at this multiple of the highest rate
+_POINT_STEP = 0.09  # distance of two points with equal lead times, in rows
+_MOST_OFFSET = 0.42  # of the points of a detector above and below its row
 _LABEL = 26  # characters in a line of a label: three columns of them fit below a plot
 _SHARES: dict[str, Any] = {"xlim": (-0.01, 1.01), "ylim": (0, 1.02)}  # limits for two shares
 
@@ -95,8 +95,8 @@ def _precision_recall(axes: Axes, performances: Performances) -> None:
 
 def _order(axes: Axes, performances: Performances) -> None:
     for index, (each, look) in enumerate(_looks(performances)):
-        found = {one.condition: one for one in each.measurements if one.measure == "ordered_pairs"}
-        rows = [found[f"{frames} frames before contact"] for frames in AHEAD]
+        pairs = {one.condition: one for one in each.measurements if one.measure == "ordered_pairs"}
+        rows = [pairs[f"{frames} frames before contact"] for frames in AHEAD]
         x, width = _beside(len(rows), index, len(performances))
         values = np.array([row.value for row in rows])
         spread = np.array([[row.value - row.low, row.high - row.value] for row in rows]).T
@@ -123,7 +123,7 @@ def _leads(axes: Axes, performances: Performances) -> None:
         # Points with equal lead times are drawn above and below each other, so that all are seen.
         ranks = _rank_among_equal(leads)
         highest = np.abs(ranks).max(initial=1)
-        y = row + min(_APART, _REACH / highest) * ranks
+        y = row + min(_POINT_STEP, _MOST_OFFSET / highest) * ranks
         axes.plot(leads, y, "o", color=look["color"], markersize=3.5, alpha=0.8)
         if len(leads):
             axes.plot([np.median(leads)] * 2, [row - 0.3, row + 0.3], color=INK, lw=1.2)
@@ -166,7 +166,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
     if figure is not None:
         figure.set_figheight(_height(max(len(kinds), len(performances))))
     axes.invert_yaxis()
-    axes.set_xlim(0, _SHOWN * highest)  # intervals of few clips are too long to show completely
+    axes.set_xlim(0, _AXIS_END * highest)  # intervals of few clips are too long to show completely
     axes.set_title("false alarms by kind of motion, at 1 per minute in all")
     axes.set_xlabel("false alarms per minute")
     _say_if_empty(axes, "no false alarm")
@@ -217,10 +217,10 @@ def _columns(labels: Sequence[str]) -> int:
     """Return in how many columns, at most three, a legend is not wider than the figure."""
     widths = [max(map(width_em, label.splitlines())) + _HANDLE_EM for label in labels]
 
-    def wide(columns: int) -> float:
+    def width(columns: int) -> float:
         return sum(max(each, default=0.0) for each in np.array_split(widths, columns))
 
-    return next((each for each in (3, 2) if wide(each) <= _LEGEND_EM), 1)
+    return next((each for each in (3, 2) if width(each) <= _LEGEND_EM), 1)
 
 
 def _say(axes: Axes, words: str) -> None:

@@ -115,8 +115,8 @@ class Thresholds:
         threshold = self.lowest(np.ones(len(clips), np.int64), rate)
         drawn = [self.lowest(each, rate) for each in draws]
         # Many draws have the same threshold.
-        known = {each: self.outcomes(each) for each in {threshold, *drawn}}
-        own, each_draw = known[threshold], [known[each] for each in drawn]
+        outcomes_at = {each: self.outcomes(each) for each in {threshold, *drawn}}
+        own, each_draw = outcomes_at[threshold], [outcomes_at[each] for each in drawn]
         measured = _measurements(clips, self._detector, condition, own, draws, drawn=each_draw)
         bounds = interval(np.array(drawn))
         footage = int((self.minutes > 0).sum())
@@ -153,8 +153,8 @@ def _maxima(evidence: Numbers) -> Numbers:
 def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers) -> NDArray[np.int64]:
     """Return the number of a clip's alarms at each level, as `_alarms_in` counts them.
 
-    A frame begins an alarm at each level that is below its evidence, but not below the evidence of
-    any frame before it of which it would continue the alarm.
+    A frame begins an alarm at each level below its evidence, unless a frame within the second
+    before it, or the frame right before it, has evidence above this level too.
     """
     begin = np.searchsorted(time_s, time_s - SILENCE_S + EPSILON_S, side="right")
     begin = np.minimum(begin, np.maximum(np.arange(len(time_s)) - 1, 0))
@@ -174,8 +174,8 @@ def _alarms_in(above: Flags, time_s: Numbers) -> int:
     are one alarm, also if more than a second lies between them.
     """
     frames = np.flatnonzero(above)
-    apart = (np.diff(frames) > 1) & (np.diff(time_s[frames]) >= SILENCE_S - EPSILON_S)
-    return min(len(frames), 1) + int(apart.sum())
+    separate = (np.diff(frames) > 1) & (np.diff(time_s[frames]) >= SILENCE_S - EPSILON_S)
+    return min(len(frames), 1) + int(separate.sum())
 
 
 @dataclass(frozen=True)
@@ -245,15 +245,15 @@ def _measurements(
     each_draw = list(drawn) if drawn is not None else [outcomes] * len(draws)
     once = np.ones(len(clips), np.int64)
 
-    def found(statistic: Callable[[_Outcomes, Weights], float]) -> tuple[float, float, float]:
+    def estimated(statistic: Callable[[_Outcomes, Weights], float]) -> tuple[float, float, float]:
         values = [statistic(*pair) for pair in zip(each_draw, draws, strict=True)]
         return statistic(outcomes, once), *interval(np.array(values))
 
-    rate, low, high = found(lambda each, weights: weighted_mean(each.detected, weights))
+    rate, low, high = estimated(lambda each, weights: weighted_mean(each.detected, weights))
     approaches = int((~np.isnan(outcomes.detected)).sum())
     bounds = share_interval(rate, approaches, low, high)
     yield Measurement(detector, "detection_rate", condition, rate, *bounds, approaches)
-    lead = found(lambda each, weights: weighted_median(each.lead_s, weights))
+    lead = estimated(lambda each, weights: weighted_median(each.lead_s, weights))
     detections = int(np.nansum(outcomes.detected))
     yield Measurement(detector, "lead_time_s", condition, *lead, detections)
     minutes = _minutes(clips)
@@ -267,7 +267,7 @@ def _measurements(
             return count / total if total else float("nan")
 
         counted = of_kind & ~np.isnan(outcomes.false_alarms)
-        rate, low, high = found(per_minute)
+        rate, low, high = estimated(per_minute)
         events, footage = np.nansum(outcomes.false_alarms[counted]), minutes[counted].sum()
         bounds = rate_interval(float(events), float(footage), low, high)
         where = f"{condition}, {kind}" if kind else condition

@@ -150,8 +150,8 @@ class Clip:
     def lead(self, frame: int) -> float:
         """Return the time from a frame of the approach to the next contact, in seconds."""
         now = float(self.time_s[frame])
-        coming = [each for each in self.label.contact_times if each >= now - EPSILON_S]
-        return (coming[0] if coming else float(self.time_s[self.approach[1] - 1])) - now
+        contacts_s = [each for each in self.label.contact_times if each >= now - EPSILON_S]
+        return (contacts_s[0] if contacts_s else float(self.time_s[self.approach[1] - 1])) - now
 
     def windows(self, start: int, stop: int) -> list[Window]:
         """Return the windows that tile the frames from `start` to `stop` - 1, the latest first.
@@ -273,10 +273,10 @@ def curves_of(score: Numbers, positive: Flags) -> Curves | None:
     score, positive = score[order], positive[order]
     # Windows with equal scores share a threshold: the last window of each score.
     last = np.flatnonzero(np.append(np.diff(score), -1.0)[: len(score)])
-    hits = np.append(0, np.cumsum(positive)[last])
-    false = np.append(0, np.cumsum(~positive)[last])
-    if not hits[-1] or not false[-1]:
+    true_count = np.append(0, np.cumsum(positive)[last])
+    false_count = np.append(0, np.cumsum(~positive)[last])
+    if not true_count[-1] or not false_count[-1]:
         return None
-    marked = hits + false
-    precision = np.divide(hits, marked, out=np.ones(len(hits)), where=marked > 0)
-    return Curves(false / false[-1], hits / hits[-1], precision)
+    count = true_count + false_count
+    precision = np.divide(true_count, count, out=np.ones(len(true_count)), where=count > 0)
+    return Curves(false_count / false_count[-1], true_count / true_count[-1], precision)

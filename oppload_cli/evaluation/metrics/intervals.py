@@ -107,11 +107,11 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
     """
     tail = (100 - LEVEL) / 200
     if share in {0.0, 1.0}:
-        reach = tail ** (1 / count)
+        bound = tail ** (1 / count)
         # `fmin` and `fmax` ignore the NaN of a bootstrap without an interval.
         if share:
-            return float(np.fmin(low, reach)), 1.0
-        return 0.0, float(np.fmax(high, 1 - reach))
+            return float(np.fmin(low, bound)), 1.0
+        return 0.0, float(np.fmax(high, 1 - bound))
     if not math.isnan(low) or math.isnan(share):
         return low, high
     # An outcome that is a share itself counts as 0 for the lower bound and as 1 for the upper one.
@@ -125,9 +125,9 @@ def _at_least(least: int, count: int, chance: float) -> float:
     """Return the probability of at least `least` events in `count` trials, each of a `chance`."""
     if chance == 1:
         return 1.0
-    ways = math.lgamma(count + 1)
+    log_factorial = math.lgamma(count + 1)
     logs = [
-        ways
+        log_factorial
         - math.lgamma(k + 1)
         - math.lgamma(count - k + 1)
         + k * math.log(chance)
@@ -140,10 +140,10 @@ def _at_least(least: int, count: int, chance: float) -> float:
 def area_interval(area: float, approaches: int, others: int) -> tuple[float, float]:
     """Return the interval of a ROC area.
 
-    Areas whose deviation from `area` has the probability of the interval. The variance is that of
-    Hanley and McNeil (1982, Radiology 143:29) at the possible true area, not at the measured one,
-    so that the bounds hold near 1 and with few videos, where a bootstrap finds hardly any spread
-    (Newcombe 2006, Stat Med 25:559, method 5).
+    The bounds are the true areas from which `area` deviates as far as chance allows. The variance
+    is that of Hanley and McNeil (1982, Radiology 143:29) at the possible true area, not at the
+    measured one, so that the bounds hold near 1 and with few videos, where a bootstrap finds hardly
+    any spread (Newcombe 2006, Stat Med 25:559, method 5).
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def area_interval(area: float, approaches: int, others: int) -> tuple[float, flo
         variance = true * (1 - true) * spread / pairs
         return (true - measured) / math.sqrt(variance) if variance > 0 else math.inf
 
-    # Turned round, an area of A is one of 1 - A, and its lower bound the upper one.
+    # If both kinds of videos change places, A becomes 1 - A, and the upper bound the lower one.
     low = 1 - _reaching(partial(deviations, 1 - area), deviation)
     return low, _reaching(partial(deviations, area), deviation)
 
@@ -197,8 +197,8 @@ def precision_interval(precision: float, approaches: int, others: int) -> tuple[
     count = min(approaches, others)
     squared = NormalDist().inv_cdf(0.5 + LEVEL / 200) ** 2
     middle = precision + squared / (2 * count)
-    reach = math.sqrt(squared * (precision * (1 - precision) + squared / (4 * count)) / count)
-    low, high = ((middle + side) / (1 + squared / count) for side in (-reach, reach))
+    half_width = math.sqrt(squared * (precision * (1 - precision) + squared / (4 * count)) / count)
+    low, high = ((middle + side) / (1 + squared / count) for side in (-half_width, half_width))
     return max(0.0, low), min(1.0, high)  # rounding may lead a little beyond
 
 

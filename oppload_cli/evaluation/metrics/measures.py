@@ -114,8 +114,8 @@ def _averaged(
 
     Value i belongs to clip i, or to clip `owner[i]`.
     """
-    found = estimate(lambda weights: average(values, weights[owner]), draws)
-    return (*found, int((~np.isnan(values)).sum()))
+    estimated = estimate(lambda weights: average(values, weights[owner]), draws)
+    return (*estimated, int((~np.isnan(values)).sum()))
 
 
 _median = partial(_averaged, weighted_median)
@@ -236,8 +236,8 @@ def _overlap_of(clip: Clip, detector: str) -> float:
     true = clip.label.boxes.get(frame)
     if true is None or frame < clip.first:
         return float("nan")
-    found = box[frame]
-    return 0.0 if np.isnan(found).any() else overlap(tuple(map(float, found)), true)
+    detected = box[frame]
+    return 0.0 if np.isnan(detected).any() else overlap(tuple(map(float, detected)), true)
 
 
 def overlap(first: Sequence[float], second: Sequence[float]) -> float:
@@ -308,9 +308,9 @@ def _centres(clip: Clip, detector: str) -> Numbers:
 
 def _compared(centre: Numbers, box: Box) -> tuple[float, float, bool]:
     left, top, width, height = box
-    off = np.abs(centre - (left + width / 2, top + height / 2))
-    distance = float(np.hypot(*off))
-    inside = bool(off[0] <= GROWN * width / 2 and off[1] <= GROWN * height / 2)
+    offset = np.abs(centre - (left + width / 2, top + height / 2))
+    distance = float(np.hypot(*offset))
+    inside = bool(offset[0] <= GROWN * width / 2 and offset[1] <= GROWN * height / 2)
     return distance, distance / float(np.hypot(width, height)), inside
 
 
@@ -332,6 +332,6 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
         owner = np.array([each.clip for each in part])
         for name in ("inside", "distance_px", "distance_diagonals") if part else ():
             values = np.array([getattr(each, name) for each in part], np.float64)
-            found = (_share if name == "inside" else _median)(values, draws, owner)
-            measurements.append(Measurement(detector, f"place_{name}", condition, *found))
+            averaged = (_share if name == "inside" else _median)(values, draws, owner)
+            measurements.append(Measurement(detector, f"place_{name}", condition, *averaged))
     return measurements
