@@ -42,7 +42,7 @@ _DYING_S = 0.5  # time for which a run that was killed may still hold its lock
 # Of Windows: nobody else can read a locked byte, so it is far behind the end of the file; a new
 # file; others may read, write and remove the file, which `os.open` does not allow.
 _LOCKED_BYTE, _CREATE_NEW, _SHARED = 1 << 40, 1, 7
-# Flags that follow no link and wait for no pipe. Windows lacks them: there, only `_check_alone`
+# Flags that follow no link and wait for no pipe. Windows lacks them: there, only `_check_regular`
 # refuses links and pipes.
 _CAUTIOUS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
@@ -319,24 +319,24 @@ def _opened(part: Path, path: Path) -> tuple[FileIO, bool]:
     """
 
     def opener(flags: int) -> Callable[[str, int], int]:
-        return lambda _, own: _descriptor(part, own | flags)
+        return lambda _, file_flags: _open_descriptor(part, file_flags | flags)
 
     with suppress(FileExistsError):
         return FileIO(part, "r+", opener=opener(os.O_CREAT | os.O_EXCL)), True
     try:
-        _check_alone(os.lstat(part), part)  # before `open`, which has an effect on some devices
+        _check_regular(os.lstat(part), part)  # before `open`, which has an effect on some devices
         file = FileIO(part, "r+", opener=opener(0))
     except FileNotFoundError:
         raise _busy(path) from None
     try:
-        _check_alone(os.fstat(file.fileno()), part)
+        _check_regular(os.fstat(file.fileno()), part)
     except BaseException:
         file.close()
         raise
     return file, False
 
 
-def _descriptor(part: Path, flags: int) -> int:
+def _open_descriptor(part: Path, flags: int) -> int:
     """Open a file that may be renamed and removed while it is open."""
     if sys.platform == "win32":
         access = _winapi.GENERIC_READ | _winapi.GENERIC_WRITE
@@ -348,7 +348,7 @@ def _descriptor(part: Path, flags: int) -> int:
     return descriptor
 
 
-def _check_alone(status: os.stat_result, part: Path) -> None:
+def _check_regular(status: os.stat_result, part: Path) -> None:
     """Raise FileExistsError unless the part is a regular file without a second hard link."""
     if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
         raise FileExistsError(errno.EEXIST, f"{part.name} is a link, a folder or a device")
@@ -379,7 +379,7 @@ def _lock(descriptor: int, part: Path, path: Path) -> bool:
 
 
 def _lock_now(descriptor: int) -> None:
-    """Lock an open file or, except on Windows, folder; BlockingIOError if another one has it."""
+    """Lock an open file, or a folder except on Windows; BlockingIOError if another run has it."""
     if sys.platform == "win32":
         os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
         try:

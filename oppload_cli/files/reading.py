@@ -96,8 +96,8 @@ def reading(
     except OSError as error:
         raise kind(f"{path}: cannot be read ({reason_of(error)}); {check}") from error
     except UnicodeDecodeError as error:
-        at = f"byte {error.start + 1} cannot be read as text"
-        raise kind(f"{path}: is not valid {form} ({at}); {repair}") from error
+        reason = f"byte {error.start + 1} cannot be read as text"
+        raise kind(f"{path}: is not valid {form} ({reason}); {repair}") from error
     except (ValueError, RecursionError, csv.Error) as error:
         raise kind(f"{path}: is not valid {form} ({reason_of(error)}); {repair}") from error
 

@@ -173,10 +173,10 @@ def rows_of(path: Path, columns: Sequence[str]) -> list[dict[str, str | None]]:
 
 def refuse_another_table(path: Path, columns: Sequence[str]) -> None:
     """Raise OutputError if a file of this name, such as one of the user's, has other columns."""
-    first = ",".join(columns)
+    header = ",".join(columns)
     if is_file(path):
         with suppress(OSError), path.open(encoding="utf-8-sig", errors="replace") as file:
-            if file.readline(len(first) + 1).strip() == first:
+            if file.readline(len(header) + 1).strip() == header:
                 return
         raise OutputError(
             f"{path}: exists already and is no list of this version of 'oppload run'; move it, or "
