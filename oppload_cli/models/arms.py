@@ -85,8 +85,8 @@ def arm_weights(reach: float, direction: float, cone: float) -> Map:
     n = math.ceil(reach)
     y, x = np.mgrid[n : -n - 1 : -1, -n : n + 1].astype(np.float64)
     distance = np.hypot(x, y)
-    off = np.degrees(np.angle(np.exp(1j * (np.arctan2(y, x) - math.radians(direction)))))
-    within = 1 / (1 + np.exp((np.abs(off) - cone) / _ARM_EDGE))
+    angle = np.degrees(np.angle(np.exp(1j * (np.arctan2(y, x) - math.radians(direction)))))
+    within = 1 / (1 + np.exp((np.abs(angle) - cone) / _ARM_EDGE))
     weights = within * np.clip(reach - distance + 0.5, 0, 1) * (distance > 0)
     return np.asarray(weights, np.float32)
 
@@ -166,7 +166,7 @@ class ArmsJudgement(CellJudgement):
         params, elapsed = self._params, dpc.photoreceptors.elapsed
         amount, motion = self.pooled(dpc)
         self._now += elapsed
-        total = self._sum_of_arms(_over(amount, self._field), motion) * self._selected
+        total = self._sum_of_arms(_weighted(amount, self._field), motion) * self._selected
         above = np.maximum(total - np.float32(params.threshold), 0)
         responses = np.asarray(params.gain * above**params.arm_power, np.float32)
         pathways = dict(zip(DIRECTIONS, motion, strict=True))
@@ -196,10 +196,10 @@ class ArmsJudgement(CellJudgement):
         total = np.zeros_like(in_field)
         for arm, suppression in enumerate(suppressions):
             across = motion[(arm + 1) % 4] + motion[(arm + 3) % 4]
-            against = params.inward * motion[(arm + 2) % 4] + params.lateral * across
-            now = _over(against, self._suppression[arm]) + params.surround * in_field
-            suppression[:] += np.float32(weight) * (now - suppression)
-            outward = _over(motion[arm], self._excitation[arm])
+            suppressing = params.inward * motion[(arm + 2) % 4] + params.lateral * across
+            target = _weighted(suppressing, self._suppression[arm]) + params.surround * in_field
+            suppression[:] += np.float32(weight) * (target - suppression)
+            outward = _weighted(motion[arm], self._excitation[arm])
             total += arm_response(outward, suppression, params.half_saturation, params.saturation)
         return total
 
@@ -230,7 +230,7 @@ class ArmsJudgement(CellJudgement):
         return amount * factor, [part * factor for part in pooled[1:]]
 
 
-def _over(values: Map, weights: Map) -> Map:
+def _weighted(values: Map, weights: Map) -> Map:
     """Return the weighted sum of the values around each cell."""
     summed = cv2.filter2D(values, cv2.CV_32F, weights, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(summed, np.float32)

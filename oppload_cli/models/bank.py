@@ -6,7 +6,7 @@ import math
 import traceback
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -82,7 +82,7 @@ class DetectorBank:
             kind = detector_of(each)
             if kind.name in self.detectors:
                 raise ParameterError(f"model '{kind.name}' is given twice; name each once")
-            with _named(kind, "cannot be made"):
+            with _errors_of(kind, "cannot be made"):
                 detector = kind(shape, each, frame_rate=frame_rate, layers=layers)
                 interpolated = detector.interpolated
             if interpolated not in INTERPOLATED:
@@ -140,7 +140,7 @@ class DetectorBank:
         """
         for each in self.detectors.values():
             if each.interpolated != "none" and not self._separated:
-                with _named(type(each), "its separate failed"):
+                with _errors_of(type(each), "its separate failed"):
                     each.separate()
         self._separated = True
 
@@ -162,7 +162,7 @@ class DetectorBank:
         luma = luma.view()
         luma.flags.writeable = False
         responses = {
-            name: _answer(each, "step", luma)
+            name: _response_of(each, "step", luma)
             for name, each in self.detectors.items()
             if between in {"", each.interpolated}
         }
@@ -172,7 +172,7 @@ class DetectorBank:
     def units_of(self, name: str) -> UnitMaps | None:
         """Return the units of a detector at the latest frame; None if it has no units."""
         detector = self.detectors[name]
-        with _named(type(detector), "its units failed"):
+        with _errors_of(type(detector), "its units failed"):
             units: Any = detector.units  # a user's detector may ignore the types
         if units is not None and not _are_units(units):
             raise DetectorError(
@@ -180,8 +180,7 @@ class DetectorBank:
                 "responses of at least 0, a row for each of centres_y and a column for each of "
                 "centres_x"
             )
-        found: UnitMaps | None = units
-        return found
+        return cast("UnitMaps | None", units)
 
     def at_rest(self, intervals: float) -> dict[str, Response | None]:
         """Return every detector's response to a frame in which nothing changed.
@@ -195,12 +194,12 @@ class DetectorBank:
         return {name: self._at_rest(name) for name in self.detectors}
 
     def _at_rest(self, name: str) -> Response | None:
-        return _answer(self.detectors[name], "at_rest") if name in self.responded else None
+        return _response_of(self.detectors[name], "at_rest") if name in self.responded else None
 
 
-def _answer(detector: Detector, method: str, *arguments: Map) -> Response | None:
+def _response_of(detector: Detector, method: str, *arguments: Map) -> Response | None:
     """Return the response that a method of a detector gives, after a check."""
-    with _named(type(detector), f"its {method} failed"):
+    with _errors_of(type(detector), f"its {method} failed"):
         response: Response | None = getattr(detector, method)(*arguments)
     if response is None:
         return None
@@ -210,7 +209,7 @@ def _answer(detector: Detector, method: str, *arguments: Map) -> Response | None
 
 
 @contextmanager
-def _named(detector: type[Detector], fault: str) -> Iterator[None]:
+def _errors_of(detector: type[Detector], fault: str) -> Iterator[None]:
     """Turn an error in the code of a user's detector into a DetectorError that names it."""
     try:
         yield
@@ -244,11 +243,11 @@ def _fault(detector: Detector, returned: object) -> str:
     return ""
 
 
-def _are_units(found: object) -> bool:
-    if not isinstance(found, UnitMaps):
+def _are_units(units: object) -> bool:
+    if not isinstance(units, UnitMaps):
         return False
-    responses: Any = found.responses
-    shape = len(found.centres_y), len(found.centres_x)
+    responses: Any = units.responses
+    shape = len(units.centres_y), len(units.centres_x)
     is_map = isinstance(responses, np.ndarray) and responses.shape == shape
     return is_map and responses.size > 0 and bool(responses.min() >= 0)
 

@@ -102,29 +102,29 @@ def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
     is one gain, shape (1, 1), or one for each row of cells, shape (rows, 1); 0 if neither explains
     the change.
     """
-    none = np.zeros((1, 1), np.float32)
+    no_gain = np.zeros((1, 1), np.float32)
     darker = np.minimum(before, now)
     usable = (darker > _DARKEST) & (darker < _BRIGHTEST)
     if np.count_nonzero(usable) < max(_LEAST_CELLS, _LEAST_USABLE * usable.size):
-        return none
+        return no_gain
     logarithms = np.log(now, where=usable, out=np.zeros_like(now))
     logarithms -= np.log(before, where=usable, out=np.zeros_like(now))
     change = _quantile(np.abs(logarithms[usable]), 1 / 2)
     if change < _LEAST_CHANGE:
-        return none
+        return no_gain
     gain = _quantile(logarithms[usable], 1 / 2)
     unexplained = _quantile(np.abs(logarithms[usable] - gain), _EXPLAINED)
     if abs(gain) < _MOST_CHANGE and unexplained <= _UNEXPLAINED * change:
-        return none + np.float32(gain)
+        return no_gain + np.float32(gain)
     # If rows of cells have little contrast, motion up or down looks like a gain of each row.
     contrast = np.abs(before[:, 1:] - before[:, :-1]) / np.maximum(before[:, 1:], _DARKEST)
     if usable.mean() < _EXPLAINED or not contrast.size or _quantile(contrast, 1 / 2) < change / 4:
-        return none
+        return no_gain
     gains = np.sort(logarithms, axis=1)[:, logarithms.shape[1] // 2, None]
     unexplained = _quantile(np.abs(logarithms - gains)[usable], _EXPLAINED)
     if np.abs(gains).max() < _MOST_CHANGE and unexplained <= _UNEXPLAINED_BY_ROWS * change:
         return gains
-    return none
+    return no_gain
 
 
 def _quantile(values: NDArray[np.floating], share: float) -> float:
@@ -202,7 +202,7 @@ _FITS = 5  # number of fits, each with the weights that follow from the fit befo
 _LEAST_SPREAD = 0.15  # px; errors of the flow of this size do not lower a weight
 _LEAST_MOTION_PX = 0.25  # of a reduced frame; less motion in an interval is left in the picture
 # In at least half of the cells with texture, the motion must leave less than 0.8 of the change.
-_LEFT, _LEAST_EXPLAINED = 0.8, 1 / 2
+_REMAINING, _LEAST_EXPLAINED = 0.8, 1 / 2
 _MOST_FRAMES = 16  # frames per interval; at higher frame rates the view is compared sooner
 
 
@@ -260,8 +260,8 @@ def view_motion(before: Grey, now: Grey) -> Motion | None:
     if abs(shift) + abs(turn - 1) * abs(middle) < _LEAST_MOTION_PX:
         return None
     seen = seen_from(before, _matrix(shift, factor, middle), 0)
-    left, change = (_cell_means(cv2.absdiff(now, each))[textured] for each in (seen, before))
-    if np.mean(left < _LEFT * change) < _LEAST_EXPLAINED:
+    remaining, change = (_cell_means(cv2.absdiff(now, each))[textured] for each in (seen, before))
+    if np.mean(remaining < _REMAINING * change) < _LEAST_EXPLAINED:
         return None
     return _matrix(shift, turn, middle)
 
@@ -287,9 +287,9 @@ def fitted_motion(places: Complex, flow: Complex) -> tuple[complex, complex]:
         weights = (1 + (errors / spread) ** 2) ** -2
         weights /= weights.sum()
         place, vector = weights @ places, weights @ flow
-        apart = places - place
-        size = float(weights @ np.abs(apart) ** 2)
-        change = complex(weights @ (np.conj(apart) * (flow - vector))) / max(size, 1e-9)
+        centred = places - place
+        size = float(weights @ np.abs(centred) ** 2)
+        change = complex(weights @ (np.conj(centred) * (flow - vector))) / max(size, 1e-9)
         shift = complex(vector - change * place)
     return shift, 1 + change
 
@@ -476,6 +476,6 @@ def leave_out_moving(
     at_edge = change[:, :border].max(axis=1, initial=0.0, keepdims=True)
     rests = np.ones((len(change), change.shape[1] + 1), np.bool_)
     rests[:, :-1] = change < np.maximum(np.float32(least), np.float32(share) * at_edge)
-    counts = np.arange(change.shape[1]) >= rests.argmax(axis=1)[:, None]
+    kept = np.arange(change.shape[1]) >= rests.argmax(axis=1)[:, None]
     for each in maps:
-        np.multiply(each, counts, out=each)
+        np.multiply(each, kept, out=each)

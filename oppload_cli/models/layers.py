@@ -99,7 +99,7 @@ class Photoreceptors:
     def __init__(self, shape: tuple[int, int], stride: int = 1, clock: Clock | None = None) -> None:
         self.shape, self.stride = shape, stride
         self._clock = clock or Clock()
-        self._nothing: Map = np.zeros(shape, np.float32)
+        self._no_change: Map = np.zeros(shape, np.float32)
         self.reset()
 
     def reset(self) -> None:
@@ -124,18 +124,18 @@ class Photoreceptors:
         """P now and one and two intervals ago, 0 to 1; zeros where no frames were compared."""
         if self._maps is None:
             self._maps = [
-                self._nothing
+                self._no_change
                 if each is None or each.change is None
-                else self._now_seen(each, each.change, 0, cv2.INTER_LINEAR)
+                else self._seen_now(each, each.change, 0, cv2.INTER_LINEAR)
                 for each in self._series
             ]
         return self._maps
 
-    def _now_seen(self, then: _PastFrame, values: Map, outside: float, interpolation: int) -> Map:
+    def _seen_now(self, past: _PastFrame, values: Map, outside: float, interpolation: int) -> Map:
         """Return a map of an earlier frame as the view of the latest frame shows it."""
-        if np.array_equal(then.view, self._latest.view):
+        if np.array_equal(past.view, self._latest.view):
             return values
-        motion = np.linalg.inv(then.view) @ self._latest.view
+        motion = np.linalg.inv(past.view) @ self._latest.view
         return np.asarray(seen_from(values, motion, outside, interpolation), np.float32)
 
     @property
@@ -239,7 +239,7 @@ class Photoreceptors:
         differences = cv2.matchTemplate(around, square, cv2.TM_SQDIFF)
         return max(0.0, float(differences[_DISPLACED].min()) / total)
 
-    def need(self, luma: Map) -> None:
+    def check(self, luma: Map) -> None:
         """Raise the FrameError that `step` would raise for this frame."""
         check_frame(luma, self.shape)
         if self.frames < _CHECKED_FRAMES and cv2.minMaxLoc(luma)[1] > _BRIGHTEST:
@@ -257,14 +257,14 @@ class Photoreceptors:
             if one of the first three frames has a value above 2: its luminance is probably 0 to
             255. The frame is then not taken. Other values outside 0 to 1 are not checked.
         """
-        self.need(luma)
+        self.check(luma)
         frame = self._latest = _PastFrame(self._clock.now(self._now), view=self.view)
         self._maps = None
         compared = self._compared_with(frame.at)
         if compared:
             frame.before, luma_before = compared
             frame.change = photoreceptors(luma, luma_before)
-            seen = self._now_seen(frame.before, luma_before, _BEYOND, cv2.INTER_CUBIC)
+            seen = self._seen_now(frame.before, luma_before, _BEYOND, cv2.INTER_CUBIC)
             if seen is not luma_before:  # what moved against the ground changed in both views
                 np.minimum(frame.change, photoreceptors(luma, seen), out=frame.change)
             frame.mean = cv2.mean(frame.change)[0]

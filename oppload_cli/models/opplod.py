@@ -131,7 +131,7 @@ class Opplod(Detector):
     ) -> None:
         super().__init__(shape, params, **others)
         own, layers, clock = self.params, self.layers, self.layers.clock
-        self._see_anew()
+        self._make_camera_parts()
         # These change frames or maps, so that layers cannot be shared.
         if self._filters or own.steady_view or own.entering:
             layers = Layers(shape, clock)
@@ -148,16 +148,16 @@ class Opplod(Detector):
         else:
             self.judgement = PixelwiseJudgement(shape, own)
 
-    def _see_anew(self) -> None:
+    def _make_camera_parts(self) -> None:
         """Make the parts that remove the effects of the camera, without an earlier frame."""
-        own = self.params
+        params = self.params
         self._filters: list[SteadyLight | NoiseFilter] = []
-        if own.light_s:
-            self._filters.append(SteadyLight(own.light_s * self.layers.clock.per_second))
-        if own.residual_noise:
-            self._filters.append(NoiseFilter(own.residual_noise))
-        self._view = SteadyView() if own.steady_view else None
-        self._bars = Bars() if own.judgement == "pooled" and own.border else None
+        if params.light_s:
+            self._filters.append(SteadyLight(params.light_s * self.layers.clock.per_second))
+        if params.residual_noise:
+            self._filters.append(NoiseFilter(params.residual_noise))
+        self._view = SteadyView() if params.steady_view else None
+        self._bars = Bars() if params.judgement == "pooled" and params.border else None
 
     @property
     def interpolated(self) -> str:
@@ -186,7 +186,7 @@ class Opplod(Detector):
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._see_anew()
+        self._make_camera_parts()
         for part in (self._dpc, self._half, self.judgement):
             if part:
                 part.reset()
@@ -210,7 +210,7 @@ class Opplod(Detector):
         dpc = self._dpc.layer
         photoreceptors = dpc.photoreceptors
         if self._bars or self._filters or self._view:  # they see unchecked frames
-            photoreceptors.need(luma)
+            photoreceptors.check(luma)
         if self._bars:
             self._bars.step(luma, photoreceptors.usual_step)
         for each in self._filters:

@@ -273,14 +273,14 @@ class CellJudgement:
         maps, params = self.maps, self._params
         sigma = params.pool_sigma * params.cell_px / reduction
         sides = (maps.centres_y, bars.top, bars.bottom), (maps.centres_x, bars.left, bars.right)
-        both = []
+        weights_by_side = []
         for length, (centres, first, last) in zip(shape, sides, strict=True):
             border = (params.border + first) // reduction, (params.border + last) // reduction
             weights = pooling_weights(length, centres / reduction, sigma, border)
             # The row of cells is centred: its first and last centre add up to the frame's side.
             weights[(centres < first) | (centres > centres[0] + centres[-1] - last)] = 0
-            both.append(weights)
-        return both[0], both[1]
+            weights_by_side.append(weights)
+        return weights_by_side[0], weights_by_side[1]
 
 
 class PooledJudgement(CellJudgement):
@@ -363,10 +363,10 @@ class PooledJudgement(CellJudgement):
                 pooled *= lasts
                 with_history = self._outward(pooled)
         self.maps = self.maps._replace(pathways=dict(zip(directions, pooled, strict=True)))
-        both = np.stack((with_history, of_all))
+        opponencies = np.stack((with_history, of_all))
         if photoreceptors.stride != 1:
-            both *= np.float32(photoreceptors.stride ** (-2 * params.compression))
-        return both
+            opponencies *= np.float32(photoreceptors.stride ** (-2 * params.compression))
+        return opponencies
 
     def _outward(self, pooled: Maps) -> Map:
         return np.asarray(np.maximum(opponent_products(pooled, self._weights), 0).sum(axis=0))
@@ -392,22 +392,22 @@ class PooledJudgement(CellJudgement):
         params, photoreceptors = self._params, dpc.photoreceptors
         if bars != self._bars:
             self._bars, self._pooling = bars, {}
-        both = np.zeros_like(self._persistent)
+        opponencies = np.zeros_like(self._persistent)
         half_lasts = half is not None and self._lasts(half.photoreceptors)
         # The frame at half its size comes first, because `opponency` leaves its pathways in `maps`.
         if half and half_lasts:
-            both += np.float32(params.halved_weight) * self.opponency(half, 2)
+            opponencies += np.float32(params.halved_weight) * self.opponency(half, 2)
         if self._lasts(photoreceptors):
-            both += self.opponency(dpc)
+            opponencies += self.opponency(dpc)
         elif not half_lasts:
             self._persistent[:] = 0  # begin again, as at the start of the video
-        both *= self._selected
+        opponencies *= self._selected
         if half and params.passing:
-            self._leave_out_passing(both[0], half.photoreceptors)
-        now = float(both[0].max())
+            self._leave_out_passing(opponencies[0], half.photoreceptors)
+        now = float(opponencies[0].max())
         if params.persistence:
-            both = self._persisted(both, photoreceptors)
-        opponency, of_all = both
+            opponencies = self._persisted(opponencies, photoreceptors)
+        opponency, of_all = opponencies
         sudden = self._is_sudden(now, float(opponency.max()), photoreceptors.elapsed)
         if params.adaptation_level:
             factor = self._adaptation(float(of_all.max()), photoreceptors)
@@ -448,7 +448,7 @@ class PooledJudgement(CellJudgement):
         self._latest.append((time, now))
         return min(now, before) < self._params.sudden * largest
 
-    def _persisted(self, both: Maps, photoreceptors: Photoreceptors) -> Maps:
+    def _persisted(self, opponencies: Maps, photoreceptors: Photoreceptors) -> Maps:
         """Return ``K(t) = h K(t-1) + (1 - h) R(t)`` with ``h = persistence ** elapsed``.
 
         The elapsed time counts only up to the usual step, and up to 1.3 intervals. Otherwise one
@@ -456,8 +456,8 @@ class PooledJudgement(CellJudgement):
         """
         most = min(_MOST_ELAPSED, max(1.0, photoreceptors.usual_step))
         weight = 1 - self._params.persistence ** min(photoreceptors.elapsed, most)
-        rows = -1, both.shape[-1]  # OpenCV needs arrays of two dimensions
-        cv2.accumulateWeighted(both.reshape(rows), self._persistent.reshape(rows), weight)
+        rows = -1, opponencies.shape[-1]  # OpenCV needs arrays of two dimensions
+        cv2.accumulateWeighted(opponencies.reshape(rows), self._persistent.reshape(rows), weight)
         return self._persistent.copy()
 
     def _adaptation(self, best: float, photoreceptors: Photoreceptors) -> float:

@@ -127,10 +127,10 @@ def register(detector: type[Detector]) -> type[Detector]:
             raise ParameterError(f"{where}: its column '{column}' is taken; choose another name")
         taken.add(column)
     fields = detector.responses.__dataclass_fields__
-    for own in (*detector.columns, *detector.details):
-        if own.name not in fields:
+    for declared in (*detector.columns, *detector.details):
+        if declared.name not in fields:
             raise ParameterError(
-                f"{where}: its column '{own.name}' must be a field of its responses, "
+                f"{where}: its column '{declared.name}' must be a field of its responses, "
                 f"{detector.responses.__name__}"
             )
     _detectors[detector.name] = detector
@@ -252,9 +252,9 @@ def _check_parameters(detector: type[Detector], where: str) -> None:
 
 def _check_types(detector: type[Detector], where: str) -> None:
     for attribute, (kinds, words) in _ATTRIBUTES.items():
-        found = getattr(detector, attribute, "")
-        if not isinstance(found, kinds):
-            raise ParameterError(f"{where}: its {attribute} must be {words}, not {found!r:.60}")
+        value = getattr(detector, attribute, "")
+        if not isinstance(value, kinds):
+            raise ParameterError(f"{where}: its {attribute} must be {words}, not {value!r:.60}")
     floors: Iterable[object] = detector.alarm_floors.values()
     if not all(isinstance(each, int | float) and each >= 0 for each in floors):
         raise ParameterError(f"{where}: its alarm_floors must be numbers of at least 0")
@@ -344,7 +344,7 @@ def _named(name: str, variant: str) -> list[str]:
     if name == ALL:
         if variant:
             preset_named(variant)  # raises the error of an unknown preset
-        return [one for one, each in detectors().items() if not each.variant_of]
+        return [each for each, detector in detectors().items() if not detector.variant_of]
     detector_named(name)
     candidates = [one for one in _detectors if one.startswith(f"{name}_")]
     variants = [one for one in candidates if detector_named(one).variant_of == name]

@@ -88,10 +88,10 @@ class Clock:
 
     def __init__(self, params: TimeParams | None = None, frame_rate: float | None = None) -> None:
         per_second = (params or TimeParams()).per_second
-        known = frame_rate if frame_rate and math.isfinite(frame_rate) else None
-        self._counts = per_second is None
-        self.per_second = per_second or known or float(1 / _REFERENCE_S)
-        self.step = nearly_one(self.per_second / known) if known else 1.0
+        rate = frame_rate if frame_rate and math.isfinite(frame_rate) else None
+        self._counts_frames = per_second is None
+        self.per_second = per_second or rate or float(1 / _REFERENCE_S)
+        self.step = nearly_one(self.per_second / rate) if rate else 1.0
         self.time_s: float | None = None
 
     def now(self, before: float | None) -> float:
@@ -100,7 +100,7 @@ class Clock:
         `before` is the time of the frame before, None for the first frame. A frame without a time,
         or with a time not later than `before`, comes one step after the frame before.
         """
-        if not self._counts and self.time_s is not None:
+        if not self._counts_frames and self.time_s is not None:
             now = float(self.time_s) * self.per_second  # a NumPy number would widen the maps
             if before is None or now > before:
                 return now

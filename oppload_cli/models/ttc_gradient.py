@@ -151,10 +151,10 @@ class TtcGradient(Detector):
         Each derivative is taken over cubes of 2 x 2 pixels and 2 frames. The products with G use x
         and y from the middle of the frame.
         """
-        both, change = now + before, now - before
-        of_rows = both[1:] + both[:-1]
+        total, change = now + before, now - before
+        of_rows = total[1:] + total[:-1]
         ex = (of_rows[:, 1:] - of_rows[:, :-1]) / 4
-        of_columns = both[:, 1:] + both[:, :-1]
+        of_columns = total[:, 1:] + total[:, :-1]
         ey = (of_columns[1:] - of_columns[:-1]) / 4
         of_rows = change[1:] + change[:-1]
         et = (of_rows[:, 1:] + of_rows[:, :-1]) / 4

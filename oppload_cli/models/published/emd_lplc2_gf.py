@@ -113,11 +113,11 @@ def _membrane(voltage: float, current: float) -> tuple[float, int]:
     """
     # The equation is linear: each step multiplies the distance to its fixed point by one factor.
     ratio = _MEMBRANE_STEP_S / _MEMBRANE_TAU_S
-    kept = 1 - ratio + ratio**2 / 2 - ratio**3 / 6 + ratio**4 / 24
+    factor = 1 - ratio + ratio**2 / 2 - ratio**3 / 6 + ratio**4 / 24
     goal = _REST_MV + 10 * current
     spikes = 0
     for _ in range(_MEMBRANE_STEPS):
-        voltage = _LOWEST_MV if voltage <= _LOWEST_MV else goal + (voltage - goal) * kept
+        voltage = _LOWEST_MV if voltage <= _LOWEST_MV else goal + (voltage - goal) * factor
         if voltage > _SPIKE_MV:
             spikes += 1
             voltage = _RESET_MV

@@ -146,8 +146,8 @@ class _Motion:
         fine, coarse = (_blurred(p, line) for line in self._bands)
         on = self._pathways[0].step(fine - coarse)
         off = self._pathways[1].step(coarse - fine)
-        for axis, (way, back) in enumerate(((_RIGHT, _LEFT), (_DOWN, _UP))):
-            self.sums[axis] = self._sums(on[way] - on[back] + off[way] - off[back])
+        for axis, (forward, backward) in enumerate(((_RIGHT, _LEFT), (_DOWN, _UP))):
+            self.sums[axis] = self._sums(on[forward] - on[backward] + off[forward] - off[backward])
         return True
 
     def _sums(self, x: Map) -> Any:

@@ -286,8 +286,8 @@ class Mlplc2(ChangeDetector):
         self._open(y, x, magnitude)
         for attention in list(self._fields):
             attention.take(y, x, net)
-            old = self._frames > attention.birth + _SUMMED_FRAMES
-            if old and math.fsum(attention.outputs) < _KEPT_ABOVE and len(self._fields) > 1:
+            is_old = self._frames > attention.birth + _SUMMED_FRAMES
+            if is_old and math.fsum(attention.outputs) < _KEPT_ABOVE and len(self._fields) > 1:
                 self._fields.remove(attention)
         largest_motion = 0.0, 0, 0
         if magnitude.any():
