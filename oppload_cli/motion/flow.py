@@ -177,13 +177,13 @@ class DenseFlow:
 
     def _sampled(self) -> MotionVectors:
         if min(self._reduced[1].shape) < SHORTEST_SIDE:
-            return _nothing()
+            return _no_vectors()
         change = cv2.absdiff(*self._reduced)
         # A cell with a large enough mean change has at least one sample with such a change.
         _, moved = cv2.threshold(change, 255.0 * self.params.minimum_change, 255, cv2.THRESH_BINARY)
         left, top, width, height = cv2.boundingRect(moved)
         if not width:
-            return _nothing()
+            return _no_vectors()
         sides = self._reduced[1].shape
         part = self._with_margin(top, height, sides[0]), self._with_margin(left, width, sides[1])
         reduction = self._reduction_in(part)
@@ -219,7 +219,7 @@ class DenseFlow:
         return sampled(before, now, flow, Cells(rows, columns, reduction, *corner), self.params)
 
 
-def _nothing() -> MotionVectors:
+def _no_vectors() -> MotionVectors:
     return MotionVectors(np.empty((0, 2)), np.empty((0, 2)))
 
 

@@ -351,8 +351,8 @@ def _complex(points: Points) -> NDArray[np.complex128]:
 
 
 def _joined(blocks: Iterable[tuple[Rows, Rows]]) -> tuple[Rows, Rows]:
-    none = np.empty(0, dtype=np.intp)
-    first, second = zip((none, none), *blocks, strict=True)
+    no_rows = np.empty(0, dtype=np.intp)
+    first, second = zip((no_rows, no_rows), *blocks, strict=True)
     return np.concatenate(first), np.concatenate(second)
 
 
