@@ -120,7 +120,7 @@ def _run_in_processes(tasks: Iterable[Task], jobs: int, observer: _Observer) -> 
         for kind, task, content in happening:
             if kind is Kind.BEGUN:
                 observer.started(task.name)
-            elif kind is Kind.TOLD:
+            elif kind is Kind.MESSAGE:
                 observer.frames(content)
             elif kind is Kind.DONE:
                 observer.ended(task, content)

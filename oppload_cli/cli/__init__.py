@@ -184,7 +184,7 @@ def oppload(**_options: object) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run a command line, by default that of the process, and exit."""
-    signals.answer()
+    signals.handle()
     try:
         code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
         signals.stop_if_asked()

@@ -45,7 +45,7 @@ class Kind(Enum):
     """A kind of event."""
 
     BEGUN = "begun"
-    TOLD = "told"
+    MESSAGE = "message"
     DONE = "done"
     RAISED = "raised"
     DIED = "died"
@@ -54,7 +54,7 @@ class Kind(Enum):
 class Event(NamedTuple):
     """An event of an item.
 
-    The content is, by kind, the message (`TOLD`), the result (`DONE`), the error (`RAISED`),
+    The content is, by kind, the message (`MESSAGE`), the result (`DONE`), the error (`RAISED`),
     or the cause of the process's death with a remedy, as the end of a sentence (`DIED`).
     """
 
@@ -84,7 +84,7 @@ def events(
     Yields
     ------
     Event
-        For every item first `BEGUN`, then any number of `TOLD`, at last one of the other kinds.
+        For every item first `BEGUN`, then any number of `MESSAGE`, at last one of the other kinds.
 
     Raises
     ------
@@ -122,7 +122,7 @@ class _Workers:
         while self._busy:
             stop_if_asked()
             for ready in wait(list(self._busy), timeout=POLL_S):
-                yield from self._heard(cast("Connection", ready))
+                yield from self._events_from(cast("Connection", ready))
 
     def terminate(self) -> None:
         for process in self._processes:
@@ -132,10 +132,10 @@ class _Workers:
         """Yield results of processes that were asked to stop: a live input ends well by it."""
         self._items = iter(())
         deadline = time.monotonic() + _STOP_WITHIN_S
-        while self._busy and (left := deadline - time.monotonic()) > 0:
-            for each in wait(list(self._busy), left):
-                happened = self._heard(cast("Connection", each))
-                yield from (event for event in happened if event.kind is Kind.DONE)
+        while self._busy and (remaining_s := deadline - time.monotonic()) > 0:
+            for each in wait(list(self._busy), remaining_s):
+                its_events = self._events_from(cast("Connection", each))
+                yield from (event for event in its_events if event.kind is Kind.DONE)
 
     def join(self) -> None:
         """Wait for the end of the processes; kill those that are too slow."""
@@ -154,7 +154,7 @@ class _Workers:
             process, connection = idle or self._started()
             self._busy[connection] = process, item
             yield Event(Kind.BEGUN, item)
-            with suppress(OSError):  # the process has died, which `_heard` finds out
+            with suppress(OSError):  # the process has died, which `_events_from` finds out
                 connection.send(item)
             return
         if idle:
@@ -171,7 +171,7 @@ class _Workers:
         theirs.close()  # only the process holds this end then: the pipe closes when it ends
         return process, ours
 
-    def _heard(self, connection: Connection) -> Iterator[Event]:
+    def _events_from(self, connection: Connection) -> Iterator[Event]:
         process, item = self._busy[connection]
         try:
             kind, content = connection.recv()
@@ -180,12 +180,12 @@ class _Workers:
             connection.close()
             process.join(_STOP_WITHIN_S)
             self._processes.remove(process)
-            how = f"({ending(process.exitcode)}); check the memory, or use fewer --jobs"
-            yield Event(Kind.DIED, item, f"ended from outside {how}")
+            cause = f"({ending(process.exitcode)}); check the memory, or use fewer --jobs"
+            yield Event(Kind.DIED, item, f"ended from outside {cause}")
             yield from self._give(None)
             return
         yield Event(kind, item, content)
-        if kind is not Kind.TOLD:
+        if kind is not Kind.MESSAGE:
             del self._busy[connection]
             yield from self._give((process, connection))
 
@@ -199,7 +199,7 @@ def _ctrl_c_held_back() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
+    former_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
     try:
         # Otherwise Python's tracker of resources starts with the first process, and unblocks the
         # signals. If SIGHUP kills the tracker, Python prints a warning.
@@ -207,7 +207,7 @@ def _ctrl_c_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, held)
+        signal.pthread_sigmask(signal.SIG_SETMASK, former_mask)
 
 
 @contextmanager
@@ -217,22 +217,22 @@ def _folder_inherited() -> Iterator[None]:
     Python would make it change to this folder once more, by its path. That fails if the path is too
     long, or leads through a folder that the user may not search, as after ``sudo -u NAME``.
     """
-    plain = spawn.get_preparation_data
+    original = spawn.get_preparation_data
 
     def without_folder(name: str) -> dict[str, Any]:
-        return {key: value for key, value in plain(name).items() if key != "dir"}
+        return {key: value for key, value in original(name).items() if key != "dir"}
 
     spawn.get_preparation_data = without_folder
     try:
         yield
     finally:
-        spawn.get_preparation_data = plain
+        spawn.get_preparation_data = original
 
 
 def _serve(connection: Connection, function: Callable[[Any, Tell], object], threads: int) -> None:
     """Receive items and send their results until the pipe is closed: the main function."""
     signals.ignore("SIGINT", "SIGHUP")
-    signals.answer("SIGTERM", again=signal.SIG_IGN)  # `join` kills a process that stops too slowly
+    signals.handle("SIGTERM", again=signal.SIG_IGN)  # `join` kills a process that stops too slowly
     with suppress(RuntimeError):  # the system allows no further thread
         Thread(target=_end_with_parent, name="oppload-parent", daemon=True).start()
     cv2.setNumThreads(threads)
@@ -240,11 +240,14 @@ def _serve(connection: Connection, function: Callable[[Any, Tell], object], thre
         while not signals.received():
             item = connection.recv()
             try:
-                answer = Kind.DONE, function(item, lambda told: connection.send((Kind.TOLD, told)))
+                event = (
+                    Kind.DONE,
+                    function(item, lambda data: connection.send((Kind.MESSAGE, data))),
+                )
             except Exception as error:  # the main process raises it
                 error.add_note("".join(traceback.format_exception(error)))
-                answer = Kind.RAISED, error
-            connection.send(answer)
+                event = Kind.RAISED, error
+            connection.send(event)
 
 
 def _end_with_parent() -> None:
@@ -262,7 +265,7 @@ def outcomes(
     jobs: int,
     *,
     named: Callable[[Item], str],
-    told: Tell | None = None,
+    on_message: Tell | None = None,
 ) -> Generator[tuple[int, Result | OpploadError], None, None]:
     """Call a function for items in processes; an OpploadError of an item does not stop the others.
 
@@ -272,7 +275,7 @@ def outcomes(
         As for :func:`events`. With one job or one item, this process calls the function.
     named : callable
         Returns an item's name, for errors.
-    told : callable, optional
+    on_message : callable, optional
         Receives the messages that the function sends.
 
     Yields
@@ -280,20 +283,20 @@ def outcomes(
     tuple of int and Result or OpploadError
         The position of an item, and its result or error, when the item is done.
     """
-    told = told or (lambda _message: None)
+    on_message = on_message or (lambda _: None)
     jobs = min(jobs, len(items))
     if jobs <= 1:
         for position, item in enumerate(items):
             stop_if_asked()
             try:
-                yield position, function(item, told)
+                yield position, function(item, on_message)
             except OpploadError as error:
                 yield position, error
         return
     with closing(events(partial(_numbered, function), enumerate(items), jobs)) as happening:
         for kind, (position, item), content in happening:
-            if kind is Kind.TOLD:
-                told(content)
+            if kind is Kind.MESSAGE:
+                on_message(content)
             elif kind is Kind.DIED:
                 yield position, OutputError(f"{named(item)}: its process was {content}")
             elif kind is Kind.DONE or isinstance(content, OpploadError):

@@ -27,7 +27,7 @@ _TWICE_S = 0.05  # time after the first signal in which a second one has no effe
 _received: list[int] = []
 
 
-def answer(*names: str, again: signal.Handlers = signal.SIG_DFL) -> None:
+def handle(*names: str, again: signal.Handlers = signal.SIG_DFL) -> None:
     """Let the first of some signals ask the program to stop; `again` is the action after that.
 
     Without names, the signals are SIGINT, SIGTERM and SIGHUP. A signal that the program ignores, as

@@ -44,7 +44,7 @@ def _close_all() -> None:
         each.join_caller()
 
 
-def _started(thread: threading.Thread) -> bool:
+def _could_start(thread: threading.Thread) -> bool:
     """Start a thread; return whether the system allows it."""
     try:
         thread.start()
@@ -79,8 +79,8 @@ class Prefetch(Generic[Item]):
         self._end: BaseException | None = None  # which the caller gets from now on
         self._caller: threading.Thread | None = None
         self._thread = threading.Thread(target=self._run, name="oppload-ahead", daemon=True)
-        self._alone = not _started(self._thread)
-        if not self._alone:
+        self._lacks_thread = not _could_start(self._thread)
+        if not self._lacks_thread:
             _running.add(self)
 
     def __iter__(self) -> Iterator[Item]:
@@ -91,7 +91,7 @@ class Prefetch(Generic[Item]):
             raise self._end
         self._caller = threading.current_thread()
         stop_if_asked()
-        if self._alone:
+        if self._lacks_thread:
             return next(self._items)
         while True:
             try:
@@ -116,7 +116,7 @@ class Prefetch(Generic[Item]):
         StopIteration.
         """
         self._end = self._end or end or StopIteration()
-        if self._alone:
+        if self._lacks_thread:
             return True
         self._stop.set()
         self._free_places.put(None)  # the thread may wait for a free place
@@ -166,7 +166,7 @@ class Call(Generic[Value]):
         self._values: list[Value] = []
         self._errors: list[BaseException] = []
         self._thread = threading.Thread(target=self._run, name="oppload-call", daemon=True)
-        if not _started(self._thread):
+        if not _could_start(self._thread):
             self._run()
 
     def result(self, within_s: float = math.inf) -> Value:

@@ -151,9 +151,9 @@ def write_report(
         for table, page, title in zip(tables, pages, _titles(tables, pages), strict=True)
     ]
     by_position: dict[int, _IndexRow | OpploadError] = {}
-    told = None if index else progress
+    on_message = None if index else progress
     for position, outcome in outcomes(
-        _write_page, items, jobs, named=lambda item: str(item.page), told=told
+        _write_page, items, jobs, named=lambda item: str(item.page), on_message=on_message
     ):
         by_position[position] = outcome
         if index and progress:
@@ -164,8 +164,8 @@ def write_report(
     if not entries:
         raise failures[0]
     if index is not None:
-        without = [*map(str, failures), *failed]
-        write_atomic(index, _index_page(index, entries, without))
+        missing = [*map(str, failures), *failed]
+        write_atomic(index, _index_page(index, entries, missing))
     notes = [f"{entry.page}: {note}" for entry in entries for note in entry.notes]
     return _Report([entry.page for entry in entries], index, failures, notes)
 
@@ -194,7 +194,7 @@ def _titles(tables: Sequence[Path], pages: Sequence[PurePosixPath]) -> Iterator[
     ]
     counts = [Counter(names) for names in zip(*candidates, strict=True)]
     for page, names in zip(pages, candidates, strict=True):
-        unique = [name for name, often in zip(names, counts, strict=True) if often[name] == 1]
+        unique = [name for name, counter in zip(names, counts, strict=True) if counter[name] == 1]
         yield unique[0] if unique else str(page).removesuffix(PAGE)
 
 
@@ -309,8 +309,8 @@ def _number(value: float) -> str:
 
 def _address(path: Path, page: Path) -> str:
     """Return the address of a file relative to a page, with special characters escaped."""
-    below = os.path.relpath(path, page.parent).replace(os.sep, "/")
-    return "./" + quote(os.fsencode(below))
+    relative = os.path.relpath(path, page.parent).replace(os.sep, "/")
+    return "./" + quote(os.fsencode(relative))
 
 
 def _spark(curve: Curve, times: Any) -> str:
@@ -388,8 +388,8 @@ def _copy_video(
     ahead: Prefetch[tuple[int, float, av.VideoFrame]] | None = None
     try:
         recording = Recording(file, *size, source.facts.frame_rate, _CODEC)
-        with output_errors(path), ExitStack() as failing:
-            failing.callback(recording.abandon)
+        with output_errors(path), ExitStack() as on_failure:
+            on_failure.callback(recording.abandon)
             colour = Colour(source.facts, size)
             ahead = Prefetch(
                 ((each.index, each.time_s, colour.planes(each)) for each in span.within(source)),
@@ -406,7 +406,7 @@ def _copy_video(
             if np.isnan(times_s).all():
                 raise SourceError(f"{name}: holds none of the frames of this result")
             recording.finish()
-            failing.pop_all()
+            on_failure.pop_all()
         content = None
         if file.raw.seek(0, os.SEEK_END) <= MOST_EMBEDDED:
             file.raw.seek(0)

@@ -317,7 +317,9 @@ def write_all(
     one = partial(_written, directory=directory, form=form, preview=preview, new=new)
     # To start a process takes as long as to write one or two stimuli.
     jobs = max(1, min(len(protocols) // 2, jobs or cores()))
-    with closing(outcomes(one, protocols, jobs, named=attrgetter("name"), told=progress)) as coming:
+    with closing(
+        outcomes(one, protocols, jobs, named=attrgetter("name"), on_message=progress)
+    ) as coming:
         done: dict[int, Written | OpploadError] = dict(coming)
     return [done[position] for position in range(len(protocols))]
 

@@ -50,7 +50,7 @@ def test_processes_start_in_a_folder_that_has_no_usable_path(
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_error_of_one_item_does_not_stop_the_others(jobs: int) -> None:
     told: list[int] = []
-    done = dict(outcomes(halved, [4, 3, 6], jobs, named=str, told=told.append))
+    done = dict(outcomes(halved, [4, 3, 6], jobs, named=str, on_message=told.append))
     assert sorted(told) == [0, 0, 0, 1, 1, 2]
     assert done[0] == 2
     assert isinstance(done[1], ParameterError)
@@ -80,7 +80,7 @@ def test_an_early_end_stops_the_processes_which_may_clean_up(tmp_path: Path) -> 
     pids: list[int] = []
     with closing(events(partial(waits, tmp_path), range(9), 2)) as happening:
         for kind, _, content in happening:
-            if kind is Kind.TOLD:
+            if kind is Kind.MESSAGE:
                 pids.append(content)
             if len(pids) == 2:
                 break
@@ -97,7 +97,7 @@ def test_results_that_processes_send_when_they_are_stopped_are_not_lost(
     happened: list[Event] = []
 
     def stop_if_asked() -> None:
-        if [event.kind for event in happened].count(Kind.TOLD) == 2:
+        if [event.kind for event in happened].count(Kind.MESSAGE) == 2:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(pool, "stop_if_asked", stop_if_asked)
@@ -109,7 +109,7 @@ def test_results_that_processes_send_when_they_are_stopped_are_not_lost(
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
 def test_a_process_that_does_not_stop_is_killed(tmp_path: Path) -> None:
     with closing(events(partial(never_asks, tmp_path), [1], 1)) as happening:
-        pid = next(content for kind, _, content in happening if kind is Kind.TOLD)
+        pid = next(content for kind, _, content in happening if kind is Kind.MESSAGE)
     assert not list(tmp_path.iterdir())
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
@@ -131,7 +131,7 @@ from oppload_cli.processes.pool import Kind, events
 from tests.processes.work import waits
 
 for kind, *_ in events(partial(waits, Path(sys.argv[1])), [1], 1):
-    if kind is Kind.TOLD:
+    if kind is Kind.MESSAGE:
         os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -179,8 +179,8 @@ def test_a_hangup_of_all_processes_leaves_pythons_own_ones(tmp_path: Path) -> No
 def test_events_of_an_item() -> None:
     assert list(events(halved, [4], 1)) == [
         Event(Kind.BEGUN, 4),
-        Event(Kind.TOLD, 4, 0),
-        Event(Kind.TOLD, 4, 1),
+        Event(Kind.MESSAGE, 4, 0),
+        Event(Kind.MESSAGE, 4, 1),
         Event(Kind.DONE, 4, 2),
     ]
 

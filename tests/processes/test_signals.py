@@ -16,7 +16,7 @@ import os, signal, threading, time
 from oppload_cli.processes import signals
 from oppload_cli.processes.threads import Call, Prefetch
 signal.signal(signal.SIGINT, signal.default_int_handler)
-signals.answer()
+signals.handle()
 def send(name="SIGINT"):
     os.kill(os.getpid(), getattr(signal, name))
 """
@@ -30,7 +30,7 @@ signals.stop_if_asked(); print(signals.received())
 """
 IGNORED = """
 signal.signal(signal.SIGHUP, signal.SIG_IGN)
-signals.answer()
+signals.handle()
 send("SIGHUP"); print(signals.received())
 """
 TWICE = """
