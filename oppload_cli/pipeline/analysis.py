@@ -122,7 +122,7 @@ class Analysis:
         optics = None if fov is None else Optics.of_fov(columns, rows, parse_fov(fov))
         self._shape, self._working = (rows, columns), working
         names = ", ".join(detector_of(each).name for each in chosen.params)
-        self._about = f"{sizes_in_words(facts, working)}, preset {chosen.preset}, {names}"
+        self._description = f"{sizes_in_words(facts, working)}, preset {chosen.preset}, {names}"
         self._luminance = ArrayLuminance(working)
         self._preparation = Preparation(chosen, facts.frame_rate)
         self._detectors = DetectorPass(working, facts.frame_rate, chosen, optics)
@@ -130,7 +130,7 @@ class Analysis:
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
-        return f"Analysis({self._about}; {counted(self._detectors.count, 'frame')} so far)"
+        return f"Analysis({self._description}; {counted(self._detectors.count, 'frame')} so far)"
 
     def step(self, frame: NDArray[Any], time_s: float) -> FrameRecord:
         """Take the next frame.
@@ -185,8 +185,8 @@ class Analysis:
             )
         given: object = time_s  # a caller may give None, in spite of the type
         # NumPy takes its durations for integers, but they are no numbers of seconds.
-        number = isinstance(given, Real) and not isinstance(given, np.timedelta64)
-        if not number or not math.isfinite(time_s):
+        is_number = isinstance(given, Real) and not isinstance(given, np.timedelta64)
+        if not is_number or not math.isfinite(time_s):
             raise FrameError(
                 f"frame {count}: its time must be a finite number of seconds, not {time_s!r}"
             )
@@ -224,8 +224,8 @@ class Analysis:
         rate = self._preparation.times.rate
         if rate is None or rate * _LONGEST_STEP_S > 1:
             return []
-        apart = f"by their times, frames are {1 / rate:.3g} s apart"
-        return [f"{apart}; if that is wrong, give the times in seconds"]
+        spacing = f"by their times, frames are {1 / rate:.3g} s apart"
+        return [f"{spacing}; if that is wrong, give the times in seconds"]
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         """Raise a TypeError: objects of C libraries cannot be copied or pickled."""

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 _FEW_DROPPED, _BURST = 0.05, 30
 _CONTRADICTION = 0.01  # a larger relative difference of --fov from the ground truth gives a remark
 _threads_lock = threading.Lock()
-_before: list[int] = []  # for each run at this time, OpenCV's number of threads before all of them
+_threads_before: list[int] = []  # for each current run, OpenCV's threads before all of them
 
 
 def run_task(
@@ -133,15 +133,15 @@ def _threads(working: WorkingSize, threads: int) -> Iterator[None]:
     back for the caller's own program.
     """
     with _threads_lock:
-        _before.append(_before[-1] if _before else cv2.getNumThreads())
+        _threads_before.append(_threads_before[-1] if _threads_before else cv2.getNumThreads())
         # On small frames OpenCV's threads would wait longer for each other than they work.
         cv2.setNumThreads((threads or cores()) if is_large(working.shape) else 1)
     try:
         yield
     finally:
         with _threads_lock:
-            before = _before.pop()
-            if not _before:
+            before = _threads_before.pop()
+            if not _threads_before:
                 cv2.setNumThreads(before)
 
 
@@ -339,10 +339,13 @@ class _Run:
             yield f"{facts.frame_rate} frames/s are assumed, as {reason}"
         elif self._task.image_rate and facts.kind != "images":
             yield "has times or a rate of its own: --image-rate has no effect on it"
-        elif facts.kind == "images" and (true := rate_beside(name)) not in {None, facts.frame_rate}:
+        elif facts.kind == "images" and (stated := rate_beside(name)) not in {
+            None,
+            facts.frame_rate,
+        }:
             yield (
                 f"the rate given is {facts.frame_rate} frames/s, but that of the ground truth "
-                f"{true}; the given one is used, so that the times of the ground truth do not fit"
+                f"{stated}; the given one is used, so that the times of the ground truth do not fit"
             )
 
     def _remarks(self) -> tuple[str, ...]:
@@ -366,11 +369,11 @@ class _Run:
             remarks.append(f"its ground truth is left out ({self._stimulus['error']})")
         fov, aspect = self._task.settings.fov, facts.pixel_aspect
         if fov is not None and self._display:
-            true = self._display.degrees(facts.width)
-            if abs(fov / true - 1) > _CONTRADICTION:
+            true_fov = self._display.degrees(facts.width)
+            if abs(fov / true_fov - 1) > _CONTRADICTION:
                 remarks.append(
                     f"the field of view given is {fov:.4g} degrees, but that of the ground truth "
-                    f"{true:.4g}; the given one is used"
+                    f"{true_fov:.4g}; the given one is used"
                 )
         if fov is not None and aspect and aspect != 1:
             remarks.append(

@@ -99,10 +99,10 @@ class Preparation:
             *again, latest = (each._replace(repeat=r) for each, r in zip(first, found, strict=True))
             return latest._replace(again=again)
         # p: a picture that the detectors got; r: a frame that was taken for a repeat of it.
-        seen = "".join("r" if each.repeat.passed_over else "p" for each in first)
-        if re.fullmatch("pr+p", seen):
+        pattern = "".join("r" if each.repeat.passed_over else "p" for each in first)
+        if re.fullmatch("pr+p", pattern):
             return latest._replace(undecided=True)
-        if re.fullmatch("pr+pp", seen) and not self.repeats.in_run:
+        if re.fullmatch("pr+pp", pattern) and not self.repeats.in_run:
             # No repeat follows the second picture: the first was not repeated, but stood still.
             self.repeats.forget_cadence()
             again = [e._replace(repeat=e.repeat._replace(passed_over=False)) for e in first[:-1]]
@@ -156,13 +156,13 @@ class DetectorPass:
             return _held(self._latest, prepared)
         blind = "" if repeat.passed_over else self._see(prepared.frame, repeat)
         responses = self._responses(prepared)
-        found, alarms = self._judged(responses, prepared.frame, repeat, blind)
+        objects, alarms = self._judged(responses, prepared.frame, repeat, blind)
         thresholds = {name: alarm.threshold for name, alarm in self._alarms.items()}
-        found = {
+        objects = {
             name: self._places[name].with_alarm(
                 each, alarm=alarms[name], threshold=thresholds[name]
             )
-            for name, each in found.items()
+            for name, each in objects.items()
         }
         self._latest = FrameRecord(
             frame=prepared.frame.index,
@@ -173,8 +173,8 @@ class DetectorPass:
             rmo=prepared.opponency,
             repeat=repeat.kind,
             thresholds=thresholds,
-            detections=next(iter(found.values()), ()),
-            objects={name: each[0] if each else None for name, each in found.items()},
+            detections=next(iter(objects.values()), ()),
+            objects={name: each[0] if each else None for name, each in objects.items()},
             blind=blind,
             evidence={n: self._alarms[n].evidence for n, each in responses.items() if each},
         )
@@ -219,8 +219,8 @@ class DetectorPass:
             responses = bank.respond(prepared.frame.luma, time_s + repeat.shift_s)
         if not repeat.kind and not prepared.undecided:
             return responses
-        # If nothing changed, every detector responds with 0, whatever its earlier responses. So it
-        # does if the picture changed in a time that is not known.
+        # If nothing changed, or it is not known how long the change took, every detector responds
+        # with 0, whatever its earlier responses.
         lasted = float(self.count - 1)  # intervals
         if self._per_second:
             lasted = (time_s - self._first_s) * self._per_second
@@ -230,13 +230,13 @@ class DetectorPass:
         self, responses: dict[str, Response | None], frame: Frame, repeat: Repeat, blind: str
     ) -> tuple[dict[str, tuple[Detection, ...]], dict[str, bool]]:
         """Return the looming objects and the alarms at a frame, or at a picture between frames."""
-        found = {
+        objects = {
             name: () if repeat.kind else self._found(name, responses[name], frame, repeat.shift_s)
             for name in self._places
             if name in responses
         }
         # The alarm uses the time to contact of the object with the largest response.
-        contacts = {name: each[0].time_to_contact_s for name, each in found.items() if each}
+        contacts = {name: each[0].time_to_contact_s for name, each in objects.items() if each}
         alarms = {
             name: each is not None
             and self._alarms[name].step(
@@ -248,7 +248,7 @@ class DetectorPass:
             )
             for name, each in responses.items()
         }
-        return found, alarms
+        return objects, alarms
 
     def _found(
         self, name: str, response: Response | None, frame: Frame, shift_s: float

@@ -101,8 +101,8 @@ class _Change(NamedTuple):
         An encoder may change much of a repeat, or one cell. So with `lenient` one value may reach
         twice this share, if the geometric mean of both is below the share.
         """
-        most = share * _LENIENT if lenient else share
-        mean, largest = most * other.mean, most * other.largest
+        limit = share * _LENIENT if lenient else share
+        mean, largest = limit * other.mean, limit * other.largest
         product = share**2 * other.mean * other.largest
         return self.mean < mean and self.largest < largest and self.mean * self.largest < product
 
@@ -236,12 +236,12 @@ class Repeats:
             self._shown, self._run, self._frames = None, 0, 0
             self._pictures = self._repeats = 0
             self._cadence_s = 0.0
-            found = [self.step(luma, time_s) for luma, time_s in first]
+            repeats = [self.step(luma, time_s) for luma, time_s in first]
             if len(self._proofs) >= proofs + _ENOUGH:
                 self._proofs = deque(list(self._proofs)[proofs:])
                 self._lasted_s = deque(list(self._lasted_s)[lasted:], _SPAN)
         self.exact, self.near, self._frames = counts
-        return found
+        return repeats
 
     def forget_cadence(self) -> None:
         """Forget all proved runs: the first picture was not repeated, but stood still."""
@@ -325,8 +325,8 @@ class Repeats:
         changes = list(zip(*self._usual, strict=True))
         usual = [median(each[-_PICTURES:]) for each in changes]
         if not self.is_cadence:  # most of these frames may be repeats
-            second = [sorted(each)[-2:][0] for each in changes]
-            usual = list(map(max, usual, second))
+            second_largest = [sorted(each)[-2:][0] for each in changes]
+            usual = list(map(max, usual, second_largest))
         return _Change(*usual)
 
     def _end_run(self, change: _Change | None, time_s: float) -> None:
@@ -358,11 +358,11 @@ class Repeats:
         return Repeat()
 
 
-def _change(one: Luma, other: Luma) -> _Change:
-    """Return the change from `other` to `one`, with OpenCV's fast mean over equal cells."""
-    height, width = one.shape
+def _change(luma: Luma, earlier: Luma) -> _Change:
+    """Return the change from `earlier` to `luma`, with OpenCV's fast mean over equal cells."""
+    height, width = luma.shape
     side = max(1, min(height, width) // _CELLS)
     rows, columns = height // side, width // side
-    complete = cv2.absdiff(one, other)[: rows * side, : columns * side]
+    complete = cv2.absdiff(luma, earlier)[: rows * side, : columns * side]
     cells = cv2.resize(complete, (columns, rows), interpolation=cv2.INTER_AREA)
     return _Change(float(cells.mean()), float(cells.max()))

@@ -109,8 +109,8 @@ class Settings:
     def without_idle_detectors(self) -> Settings:
         """Return the same settings without detectors that do not run, unless a value was set."""
         known = known_names()
-        own = f"preset {self.preset}"
-        changed = {name for name, origin in self.origins.items() if origin != own}
+        preset_origin = f"preset {self.preset}"
+        changed = {name for name, origin in self.origins.items() if origin != preset_origin}
         kept = {name for name in known if f"alarm.{name}_floor" in changed}
         kept |= {*self.models, *(name.partition(".")[0] for name in changed)}
         needed = [name for name in known if name in kept]
@@ -210,14 +210,14 @@ def resolve(
         If a name is unknown or a value out of range; the message names the place.
     """
     content = _read(config) if config else {}
-    source = str(config) if config else ""
+    file_name = str(config) if config else ""
     of_models = preset_in(models)
     if preset and of_models and preset != of_models:
         raise ParameterError(
             f"a model asks for preset '{of_models}', but the preset is '{preset}'; leave one out"
         )
     preset = preset or of_models
-    chosen = preset_named(preset) if preset else _preset_of_file(content, source, usual)
+    chosen = preset_named(preset) if preset else _preset_of_file(content, file_name, usual)
     needed = _needed(_models(models) if models else default_names(), content, assignments)
     groups: dict[str, Parameters] = {
         **{name: parameters_of(name, chosen.name) for name in needed},
@@ -229,14 +229,14 @@ def resolve(
     }
     known = {f"{group}.{name}" for group, params in groups.items() for name in params.names()}
     origins = dict.fromkeys(["preset", *_TOP_READERS, *sorted(known)], f"preset {chosen.name}")
-    origins["preset"] = _COMMAND_LINE if preset else source if "preset" in content else "default"
+    origins["preset"] = _COMMAND_LINE if preset else file_name if "preset" in content else "default"
     settings = Settings(chosen.name, default_names(), chosen.height, True, groups, origins)
-    settings = _with_file(settings, content, source)
-    asked = "" if models else preset_in(content.get("models", ()), f"{source}: 'models'")
-    if asked not in {"", chosen.name}:
+    settings = _with_file(settings, content, file_name)
+    of_file = "" if models else preset_in(content.get("models", ()), f"{file_name}: 'models'")
+    if of_file not in {"", chosen.name}:
         raise ParameterError(
-            f"{source}: 'models' asks for preset '{asked}', but the preset is '{chosen.name}'; "
-            f'write preset = "{asked}" into the file'
+            f"{file_name}: 'models' asks for preset '{of_file}', but the preset is '{chosen.name}'"
+            f'; write preset = "{of_file}" into the file'
         )
     options = {
         "models": tuple(models) or None,
@@ -261,21 +261,21 @@ def _needed(
     return [name for name in known_names() if name in models] if few else known_names()
 
 
-def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> Settings:
+def _with_file(settings: Settings, content: Mapping[str, Any], file_name: str) -> Settings:
     groups, origins = dict(settings.groups), dict(settings.origins)
     top: dict[str, Any] = {}
     angles: dict[str, float] = {}
     known = ["preset", *_TOP_READERS, *groups]
     for key, value in content.items():
-        with faults_at(source):
+        with faults_at(file_name):
             if key not in known:
                 raise ParameterError(f"no setting '{key}'{suggestion(key, known)}")
             if key in groups:
                 groups[key] = _with_table(groups[key], key, value, angles)
-                origins.update((f"{key}.{name}", source) for name in value)
+                origins.update((f"{key}.{name}", file_name) for name in value)
             elif key != "preset":
                 top[key] = _TOP_READERS[key](value)
-                origins[key] = source
+                origins[key] = file_name
     return replace(settings, groups=groups, origins=origins, angles=angles, **top)
 
 
@@ -379,9 +379,9 @@ def _settings_of_sidecar(path: Path) -> dict[str, Any]:
     return {"height": NATIVE, **top, **sets}  # a sidecar has null for the native height
 
 
-def _preset_of_file(content: Mapping[str, Any], source: str, usual: str) -> Preset:
+def _preset_of_file(content: Mapping[str, Any], file_name: str, usual: str) -> Preset:
     name = content.get("preset", usual)
     if not isinstance(name, str):
-        raise ParameterError(f"{source}: 'preset' must be a word in quotes, not {name!r}")
-    with faults_at(source):
+        raise ParameterError(f"{file_name}: 'preset' must be a word in quotes, not {name!r}")
+    with faults_at(file_name):
         return preset_named(name)

@@ -62,8 +62,8 @@ class ArrayLuminance:
         """
         _check_type(values)
         values = values.astype(values.dtype.newbyteorder("="), copy=False)  # as OpenCV needs it
-        floating = values.dtype.kind == "f"
-        if floating:
+        is_float = values.dtype.kind == "f"
+        if is_float:
             values = values.astype(np.float32)  # always a copy
             if not (np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1):
                 raise SourceError(f"{name} holds values outside 0 to 1; scale it, or give uint8")
@@ -71,7 +71,7 @@ class ArrayLuminance:
             if values.dtype == np.uint8:  # OpenCV would round grey to 8 bits before it is resized
                 values = np.multiply(values, np.uint16(257), dtype=np.uint16)
             values = np.asarray(cv2.cvtColor(np.ascontiguousarray(values), cv2.COLOR_RGB2GRAY))
-        if not floating:
+        if not is_float:
             bits = 8 * values.dtype.itemsize
             return self._of_plane(Picture(0, 0.0, np.ascontiguousarray(values), bits))
         if values.shape == self._working.shape:
@@ -80,7 +80,7 @@ class ArrayLuminance:
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-class _Drawn(ABC):
+class _PictureSource(ABC):
     """Base of sources whose pictures are computed or in memory, with the interface of `Video`."""
 
     def __init__(self, facts: InputFacts, height: int | None) -> None:
@@ -108,7 +108,7 @@ class _Drawn(ABC):
         """Yield each picture with its presentation time in seconds."""
 
 
-class StimulusVideo(_Drawn):
+class StimulusVideo(_PictureSource):
     """The frames of a stimulus at the working size, like those of an open video.
 
     `height` is the working height in pixels; None keeps the native size. The stimulus is shown
@@ -127,7 +127,7 @@ class StimulusVideo(_Drawn):
                 yield self.protocol.time_of(first + shown.index), shown.grey
 
 
-class _ArrayVideo(_Drawn):
+class _ArrayVideo(_PictureSource):
     """The frames of an array; the parameters and errors are those of :func:`open_source`."""
 
     def __init__(
@@ -301,14 +301,14 @@ def open_source(
         image_rate = checked_rate(rate)
         with open_video(source, height=size, image_rate=image_rate) as video:
             if image_rate not in {None, video.facts.frame_rate}:
-                own = "has times or a rate of its own; give a rate for an array or images only"
+                reason = "has times or a rate of its own; give a rate for an array or images only"
                 if video.facts.rate_assumed:
-                    own = (
+                    reason = (
                         f"carries no times, so that {video.facts.frame_rate} frames/s are assumed; "
                         "put it into a container such as Matroska at its true rate, as only arrays "
                         "and images take a rate"
                     )
-                raise ParameterError(f"{source}: {own}")
+                raise ParameterError(f"{source}: {reason}")
             yield video
     elif hasattr(source, "facts") and hasattr(source, "working"):
         yield source if hasattr(source, "decode") else _Counted(source)  # type: ignore[arg-type, misc]

@@ -194,7 +194,7 @@ class Outcome:
 class Interrupted(KeyboardInterrupt):
     """Raised when the user stops a task; the message says which rows are kept.
 
-    `outcome` is that of a live input, which ends so as a rule; None for other inputs.
+    `outcome` is that of a live input, which usually ends so; None for other inputs.
     """
 
     def __init__(self, kept: str = "", outcome: Outcome | None = None) -> None:
@@ -240,7 +240,7 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     """Yield texts on how a result differs from the result that the task would make."""
     settings, facts = task.settings, content["input"]
     name, size = PurePath(without_login(task.name)).name, bytes_of(task.name)
-    if name != PurePath(facts["name"]).name or _differ(task.name, facts["name"]):
+    if name != PurePath(facts["name"]).name or _are_different_files(task.name, facts["name"]):
         yield f"of another input, {facts['name']}"
     if size is not None and facts.get("bytes") not in {None, size}:
         yield f"of an input of {facts['bytes']} bytes, not {size}"
@@ -266,7 +266,7 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     yield from others
 
 
-def _differ(name: str, other: str) -> bool:
+def _are_different_files(name: str, other: str) -> bool:
     """Return whether two names are files with different content."""
     try:
         same = not is_file(other) or Path(name).samefile(other)
@@ -290,9 +290,9 @@ def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[s
         scale = working["source_px_per_px_x"], working["source_px_per_px_y"]
         size = WorkingSize(working["width"], working["height"], *scale)
         settings = settings.seen_through(optics, size)
-    fov = _fov(view["horizontal_deg"] if view and view["origin"] == FOV else None)
-    if fov != _fov(settings.fov):
-        yield f"with {fov}, not {_fov(settings.fov)}"
+    fov = _fov_text(view["horizontal_deg"] if view and view["origin"] == FOV else None)
+    if fov != _fov_text(settings.fov):
+        yield f"with {fov}, not {_fov_text(settings.fov)}"
     groups = (*settings.models, "alarm", "places", "repeats", "time")
     groups += ("rmo",) if settings.measure_rmo else ()
     resolved = settings.resolved(min(working["width"], working["height"]))
@@ -305,7 +305,7 @@ def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[s
                 yield f"with {group}.{name} = {existing.get(name)}, not {value}"
 
 
-def _fov(degrees: float | None) -> str:
+def _fov_text(degrees: float | None) -> str:
     """Return a field of view as a text, without the rounding errors of sines and tangents."""
     return "no --fov" if degrees is None else f"--fov {round(degrees, 9):.12g}"
 
