@@ -76,8 +76,8 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     curves = request.of_one_table("a map of positions")
     tuning = curves[0].tuning
     wanted = "a position; run 'oppload tune --figure position'"
-    right, up = (column_of(tuning, end, wanted, of=2) for end in (".right", ".up"))
-    across = _NARROWEST if len(curves) > 1 else style.TITLE_WIDTH
+    right, up = (column_of(tuning, end, wanted, count=2) for end in (".right", ".up"))
+    title_width = _NARROWEST if len(curves) > 1 else style.TITLE_WIDTH
     labels = (described(right), described(up))
     # Without the room for each line of the title, the panel would be drawn over the foot.
     above = 0.25 + 0.14 * style.wrapped(request.title, style.TITLE_WIDTH).count("\n")
@@ -97,7 +97,7 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
             if share.min() < _HALF <= share.max():
                 panel.contour(x, y, share, levels=[_HALF], colors="white", linewidths=0.9)
             label = f"{curve.name}{curve.doubts}\n{_half_distance(x, y, share)}"
-            panel.set_title(style.wrapped(label, across), fontsize=7)
+            panel.set_title(style.wrapped(label, title_width), fontsize=7)
         style.write_title(figure, request.title)
         style.colour_bar(figure, image, axes, "peak / largest peak", shrink=0.7, pad=0.02)
     return figure, axes
@@ -138,13 +138,13 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
     curves = request.of_one_table("a figure of one end and both")
     tuning = curves[0].tuning
     wanted = "the sides and the axis of a bar; run 'oppload tune --figure bar-ends'"
-    sides, axis = (column_of(tuning, end, wanted, of=2) for end in (".sides", "axis_deg"))
+    sides, axis = (column_of(tuning, end, wanted, count=2) for end in (".sides", "axis_deg"))
     missing = {"both", "forward"}.difference(tuning.rows[sides])
     if missing:
         raise ResultError(f"{tuning.path}: column '{sides}' never holds '{min(missing)}'")
     low, high = BOTH_ENDS_OVER_ONE
     note = f"\nboth / one in LPLC2 neurons: {low:.1f} to {high:.1f}" * request.published
-    across = _NARROW if len(curves) > 1 else style.TITLE_WIDTH
+    title_width = _NARROW if len(curves) > 1 else style.TITLE_WIDTH
     labels = (described(axis), "peak / largest peak")
     with _panels(len(curves), labels, 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
@@ -158,7 +158,7 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
             _draw_ends(panel, both, one, largest, curve.detector.colour)
             label = f"{curve.name}, peak {largest:.2g}\n({curve.detector.unit})\n"
             label += f"both / one {_both_over_one(both, one)}"
-            panel.set_title(style.wrapped(label + curve.doubts, across), fontsize=7)
+            panel.set_title(style.wrapped(label + curve.doubts, title_width), fontsize=7)
         # The panels share an axis, whose range is that of the last call: for the highest panel.
         for panel in sorted(axes, key=lambda panel: panel.dataLim.y1):
             style.begin_at_zero(panel)
@@ -175,13 +175,13 @@ def _draw_ends(axes: Axes, both: Peaks, one: Peaks, largest: float, colour: str)
     total = {
         axis: peak + one[_opposite(axis)] for axis, peak in one.items() if _opposite(axis) in one
     }
-    for label, peaks, each in (
+    for label, peaks, own_look in (
         ("both ends", both, look),
         ("the end in the direction of the axis", one, open_look),
         ("sum of the two single ends", total, {"color": style.INK, "lw": 0.9, "linestyle": ":"}),
     ):
         shares = [peak / (largest or 1.0) for peak in peaks.values()]
-        axes.plot(list(peaks), shares, label=label, **each)
+        axes.plot(list(peaks), shares, label=label, **own_look)
     axes.set_xticks(range(0, 361, 90))
 
 

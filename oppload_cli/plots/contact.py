@@ -150,21 +150,21 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the times of peaks before contact over l/v with a line, and the sizes at the peaks."""
     curves = request.curves()
     few = len(curves) <= style.FEW
-    known = [_peaks(curve) for curve in curves]
+    peaks = [_peaks(curve) for curve in curves]
     if not any(_has_contact(curve) for curve in curves):
         raise ResultError(
             f"{curves[0].tuning.path}: column 'peak_before_contact_s' is empty, as the stimulus "
             "has no contact; draw another kind, such as 'line'"
         )
-    sized = any(sizes is not None for *_, sizes in known)
+    sized = any(sizes is not None for *_, sizes in peaks)
     lines = len(curves) * (2 if few else 0.5) + 8 * request.published
     height = 2.0 + 1.3 * sized + 0.14 * lines
     with style.styled_figure(style.COLUMN if few else style.PAGE, height) as figure:
         heights = (1.6, 1)[: 1 + sized]
         axes = style.panel_grid(figure, 1 + sized, 1, sharex=True, height_ratios=heights)
-        top = None if few else _top(x for x, _, _ in known)
+        top = None if few else _top(x for x, _, _ in peaks)
         more = 0  # lines of the legend, of long names and of doubts
-        for curve, (x, before, sizes) in zip(curves, known, strict=True):
+        for curve, (x, before, sizes) in zip(curves, peaks, strict=True):
             fit = _line(curve.tuning, x, before)
             above = top is not None and len(x) > 0 and bool(1000 * before.min() > top)
             label = _label(curve, fit, few=few, above=above)
@@ -278,21 +278,21 @@ def _draw_published(axes: Sequence[Axes], longest: float) -> None:
         line = each.slope * x - each.delay_ms
         if kind == "upper limit":
             low = peaks[neuron, "lower limit"]
-            early = low.slope * x - low.delay_ms
+            lower = low.slope * x - low.delay_ms
             shade: dict[str, Any] = {"color": style.FAINT, "alpha": 0.25, "lw": 0}
-            axes[0].fill_between(x, line, early, **shade, zorder=0, label=_named(each, low))
+            axes[0].fill_between(x, line, lower, **shade, zorder=0, label=_label_of(each, low))
             if len(axes) > 1:
                 axes[1].axhspan(low.angle_deg, each.angle_deg, **shade, zorder=0)
         elif kind != "lower limit":
             look: dict[str, Any] = {"color": style.INK, "lw": 0.8, "zorder": 1}
             look["linestyle"] = style.DASHES[1 + (kind != "example")]
-            axes[0].plot(x, line, **look, label=_named(each))
+            axes[0].plot(x, line, **look, label=_label_of(each))
             if len(axes) > 1:
                 axes[1].axhline(each.angle_deg, **look)
     axes[0].set_xlim(right=longest)
 
 
-def _named(peak: AngularThreshold, low: AngularThreshold | None = None) -> str:
+def _label_of(peak: AngularThreshold, low: AngularThreshold | None = None) -> str:
     """Return the label of a published threshold, or of the range from `low` to `peak`."""
     study = peak.source.rsplit(", ", 1)[0]
     kind = "range over animals" if low else peak.kind

@@ -145,9 +145,9 @@ def plot_curves(
     if sum(map(len, panels)) <= _MOST_CURVES:
         return _draw_few(panels, options.with_bars(panels))
     if len(results) <= _MOST_PANELS:
-        small = _one_each(panels)
+        small = _small_panels(panels)
         return _draw_multiples(small, options.with_bars(small))
-    return _draw_heat(_one_each(panels), options)
+    return _draw_heat(_small_panels(panels), options)
 
 
 def _draw_into(axes: Axes, panels: Panels, options: CurveOptions) -> Drawn:
@@ -283,8 +283,8 @@ def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
         axes.set_title("grey: looming", loc="right", fontsize=6, color=style.INK, pad=2)
 
 
-def _one_each(panels: Panels) -> list[list[Curve]]:
-    """Return panels of one input each; of a single input, or of a single detector, of one curve.
+def _small_panels(panels: Panels) -> list[list[Curve]]:
+    """Return a panel for each input, or for each curve if there is one input or one detector.
 
     The curves have the colours of their detectors.
     """
@@ -292,11 +292,11 @@ def _one_each(panels: Panels) -> list[list[Curve]]:
     if len(inputs) > 1 and len({curve.number for curve in panels[0]}) == 1:
         return [list(curves) for curves in panels]
     curves = [(curve, detector_named(curve.detector)) for curves in panels for curve in curves]
-    return [[replace(one, name=of.label, colour=of.colour, dash="-")] for one, of in curves]
+    return [[replace(one, name=kind.label, colour=kind.colour, dash="-")] for one, kind in curves]
 
 
 def _names(panels: Panels) -> list[str]:
-    """Return the name of each panel's input; if several panels have one input, of the detector."""
+    """Return the name of each panel's input, or of its detector if all panels have one input."""
     one_input = len({curves[0].number for curves in panels}) == 1 < len(panels)
     return [curves[0].name if one_input else curves[0].result_name for curves in panels]
 

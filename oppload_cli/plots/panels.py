@@ -168,8 +168,8 @@ def _curves_of_result(
     """Return the curves of the detectors in result number `at`, as they look in one panel."""
     truth = usable_truth(result)
     zero_s = _contact(result, truth, options.marks.get("contact"), at) if options.align else 0.0
-    shown = () if options.scale == "raw" else style.looks_of(names)  # else in a panel of its own
-    dashes = [look["linestyle"] for look in shown] or ["-"] * len(names)
+    looks = () if options.scale == "raw" else style.looks_of(names)  # raw curves have a panel each
+    dashes = [look["linestyle"] for look in looks] or ["-"] * len(names)
     return [
         Curve(result, at, label, each.name, each.label, each.colour, truth, zero_s, dash)
         for each, dash in zip(map(detector_named, names), dashes, strict=True)
@@ -294,14 +294,14 @@ def _draw_threshold(axes: Axes, curve: Curve, scale: str, largest: float) -> lis
     threshold, peak = curve.threshold, float(np.nanmax(curve.response))
     if threshold is None:
         return []
-    over = peak if scale == "peak" else 1.0
-    above = threshold > _HEADROOM * largest * over
-    shown = np.where(above, np.nan, threshold) / over
+    divisor = peak if scale == "peak" else 1.0
+    above = threshold > _HEADROOM * largest * divisor
+    shown = np.where(above, np.nan, threshold) / divisor
     if not np.isfinite(shown).any():
         height = "no response"
         if peak > 0:
-            times = style.short_number(float(np.nanmin(threshold)) / peak)
-            height = f"{times} times the peak or more"
+            multiple = style.short_number(float(np.nanmin(threshold)) / peak)
+            height = f"{multiple} times the peak or more"
         return [f"threshold of {curve.name} above the panel: {height}"]
     axes.plot(
         curve.time, shown, color=curve.colour, lw=0.8, linestyle=(0, (1, 1)), drawstyle="steps-mid"
@@ -336,20 +336,22 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
     first, last = axes[0].get_xlim()
 
     def draw_line(time: float, colour: str) -> None:
-        for each in axes if first <= time <= last else ():
-            each.axvline(time, color=colour, lw=0.7, linestyle=(0, (4, 2)))
+        for panel in axes if first <= time <= last else ():
+            panel.axvline(time, color=colour, lw=0.7, linestyle=(0, (4, 2)))
 
     below = max((1 - bar + _BAR_STEP for bar in options.bars_of(curves).values()), default=0.0)
     taken: list[_Place] = []  # the places of labels
     lines = _curves_of(axes[0])
     for label, times in marks.items():
-        known = {c: time - c.zero_s for c, time in times.items() if time is not None}
-        same_time = len({round(time, 6) for time in known.values()}) == 1
-        for curve, time in known.items():
+        known_times = {
+            curve: time - curve.zero_s for curve, time in times.items() if time is not None
+        }
+        same_time = len({round(time, 6) for time in known_times.values()}) == 1
+        for curve, time in known_times.items():
             draw_line(time, style.INK if same_time else curve.colour)
-        if not known or (label == "contact" and options.align):  # the axis label says it
+        if not known_times or (label == "contact" and options.align):  # the axis label says it
             continue
-        time = next(iter(known.values()))
+        time = next(iter(known_times.values()))
         text = f"{label}s" if label == "contact" and other_contacts else label
         if not first <= time <= last:
             text = f"{label} at {style.short_number(time)} s"
@@ -372,9 +374,9 @@ def _write_mark(
     width = _LETTER * len(text)
     # A second label stands to the right of its line, away from the first label.
     right = share < 0.2 or (bool(taken) and share + width < 1)
-    both = width <= share <= 1 - width
-    lefts = [share if side else share - width for side in [right, not right][: 1 + both]]
-    places = (_Place(left, left + width, row) for row, left in product(range(_ROWS), lefts))
+    sides = [right, not right] if width <= share <= 1 - width else [right]
+    left_ends = [share if side else share - width for side in sides]
+    places = (_Place(left, left + width, row) for row, left in product(range(_ROWS), left_ends))
     place = next((each for each in places if _is_free(each, top, taken, lines)), None)
     upright = place is None  # an upright label is narrow, and may cover a curve
     begin = min(share, 1 - 2 * _LETTER)

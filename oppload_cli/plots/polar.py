@@ -107,8 +107,8 @@ class DirectionTuning:
     @property
     def numbers(self) -> _Selectivity:
         """Peak and selectivity; a symmetric stimulus has no index of direction."""
-        found = selectivity(self.angles_deg, self.responses)
-        return replace(found, direction_index=None) if self.symmetric else found
+        numbers = selectivity(self.angles_deg, self.responses)
+        return replace(numbers, direction_index=None) if self.symmetric else numbers
 
     @property
     def about(self) -> str:
@@ -118,23 +118,23 @@ class DirectionTuning:
 
     def line(self) -> str:
         """Return the numbers in one line, for standard output."""
-        n = self.numbers
-        if n.peak <= 0:
+        numbers = self.numbers
+        if numbers.peak <= 0:
             return f"{self.name}: no response"
         missing = "unknown (opposite not shown)"
         if self.symmetric:
             missing = "does not apply (opposite directions are the same)"
         direction, axis = (
-            why if index is None else f"{index:z.3f}"  # z: no "-0.000"
-            for index, why in (
-                (n.direction_index, missing),
-                (n.axis_index, "unknown (axes not spread evenly)"),
+            reason if index is None else f"{index:z.3f}"  # z: no "-0.000"
+            for index, reason in (
+                (numbers.direction_index, missing),
+                (numbers.axis_index, "unknown (axes not spread evenly)"),
             )
         )
         return (
-            f"{self.name}: peak {n.peak:.4g} ({self.unit}) at {n.preferred_deg:g} deg, "
+            f"{self.name}: peak {numbers.peak:.4g} ({self.unit}) at {numbers.preferred_deg:g} deg, "
             f"direction selectivity index {direction}, axis selectivity index {axis}, "
-            f"least response {n.least:.3g} of the peak"
+            f"least response {numbers.least:.3g} of the peak"
         )
 
 
@@ -209,8 +209,8 @@ def _bar_width(tunings: Sequence[Tuning]) -> int | None:
     """
     if any(tuning.direction == _SCENE for tuning in tunings):
         return None
-    found = [re.search(r"bar-(?:expand-)?(\d+)$", tuning.name) for tuning in tunings]
-    width, *others = {int(match[1]) if match else 0 for match in found}
+    matches = [re.search(r"bar-(?:expand-)?(\d+)$", tuning.name) for tuning in tunings]
+    width, *others = {int(match[1]) if match else 0 for match in matches}
     known = width in BAR_WIDTHS and not others
     return width if known and all(map(_as_published, tunings)) else None
 
@@ -221,10 +221,10 @@ def _as_published(tuning: Tuning) -> bool:
     if not first:  # without a sidecar, only the name is known
         return True
     known = [each for each in entries() if each.name == tuning.name]
-    return any(_looks(first) == _looks(each.protocols()[0].as_table()) for each in known)
+    return any(_appearance(first) == _appearance(each.protocols()[0].as_table()) for each in known)
 
 
-def _looks(table: Mapping[str, Any]) -> list[Any]:
+def _appearance(table: Mapping[str, Any]) -> list[Any]:
     """Return the parts of a protocol that decide its look: not its size, pauses and axis."""
     objects = [
         {**each, "axis_deg": 0} for each in table.get("object", []) if isinstance(each, dict)

@@ -85,9 +85,9 @@ def plot_rmo(
     with style.styled_figure(style.COLUMN, 0.3 + 2.9 * len(results)) as figure:
         panels = style.panel_grid(figure, len(heights), 1, height_ratios=heights)
         for number, label in enumerate(style.labels_of(results, labels)):
-            three = panels[3 * number : 3 * number + 3]
-            _draw(three, results[number], xlim)
-            three[0].set_title(style.wrapped(label, style.TITLE_WIDTH))
+            own_panels = panels[3 * number : 3 * number + 3]
+            _draw(own_panels, results[number], xlim)
+            own_panels[0].set_title(style.wrapped(label, style.TITLE_WIDTH))
         panels[-1].set_xlabel("time (s)")
         if title:
             figure.suptitle(style.wrapped(title, style.TITLE_WIDTH))

@@ -448,7 +448,7 @@ def indicator_of(sidecar: Mapping[str, Any]) -> str:
 
 
 def _joined(names: Sequence[str], indicators: Sequence[str]) -> list[str]:
-    return [", ".join(filter(None, both)) for both in zip(names, indicators, strict=True)]
+    return [", ".join(filter(None, parts)) for parts in zip(names, indicators, strict=True)]
 
 
 def _settings_of(sidecars: Sequence[Mapping[str, Any]]) -> list[str]:

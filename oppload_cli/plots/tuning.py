@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import cycle, product
+from itertools import chain, cycle, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -124,8 +124,8 @@ def plot_tuning(
     shown = [_shown(each, kind) for each in tunings]
     request = Request(shown, models, names, title, published, scale == "raw", lplc2)
     figure, axes = _PLOTS[kind](request)
-    repeats = [_repeats(*pair, kind) for pair in zip(tunings, shown, strict=True)]
-    _write_below(figure, _settings_lines(tunings, names, title, repeats))
+    seeds = [_seeds_text(*pair, kind) for pair in zip(tunings, shown, strict=True)]
+    _write_below(figure, _settings_lines(tunings, names, title, seeds))
     return figure, axes
 
 
@@ -227,7 +227,7 @@ def _title(tunings: Sequence[Tuning], kind: str) -> str:
     return ", ".join(filter(None, (title, through)))
 
 
-def _repeats(tuning: Tuning, shown: Tuning, kind: str) -> str:
+def _seeds_text(tuning: Tuning, shown: Tuning, kind: str) -> str:
     """Return in words over how many seeds a figure averages; empty if it does not average."""
     if shown.parameters == tuning.parameters or "seed" not in _reduced(tuning).parameters:
         return ""
@@ -236,18 +236,18 @@ def _repeats(tuning: Tuning, shown: Tuning, kind: str) -> str:
 
 
 def _settings_lines(
-    tunings: Sequence[Tuning], names: Sequence[str], title: str, repeats: Sequence[str]
+    tunings: Sequence[Tuning], names: Sequence[str], title: str, seeds: Sequence[str]
 ) -> list[str]:
-    """Return lines with preset, working height, all changes and repeats: one if all tables agree.
+    """Return lines with preset, working height, all changes and seeds: one if all tables agree.
 
     An indicator that neither the title nor the name of its table states, because they are the
     user's, is stated too.
     """
     lines = []
-    for tuning, name, repeated in zip(tunings, names, repeats, strict=True):
+    for tuning, name, seeds_text in zip(tunings, names, seeds, strict=True):
         indicator = style.indicator_of(tuning.sidecar)
         unstated = "" if indicator in f"{title}, {name}" else indicator
-        lines.append("; ".join(filter(None, (_settings_of(tuning), unstated, repeated))))
+        lines.append("; ".join(filter(None, (_settings_of(tuning), unstated, seeds_text))))
     if len(set(lines)) == 1:
         return [lines[0]] if lines[0] else []
     return [f"{name}: {line}" for name, line in zip(names, lines, strict=True) if line]
@@ -273,8 +273,8 @@ def _settings_of(tuning: Tuning) -> str:
 
 def _write_below(figure: Figure, lines: Sequence[str]) -> None:
     """Write lines in small grey letters at the foot of a figure, and make it higher by them."""
-    across = int(figure.get_figwidth() * _SMALLEST_LETTERS)
-    text = "\n".join(style.wrapped(line, across) for line in lines)
+    letters = int(figure.get_figwidth() * _SMALLEST_LETTERS)
+    text = "\n".join(style.wrapped(line, letters) for line in lines)
     if not text:
         return
     more = _SMALLEST_LINE * (text.count("\n") + 1)
@@ -296,7 +296,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     tunings, raw, title = request.tunings, request.raw, request.title
     parameter = _parameter(tunings)
     places = _places(tunings, parameter)
-    names = list(request.models) or list(dict.fromkeys(m for each in tunings for m in each.models))
+    names = list(request.models) or list(dict.fromkeys(chain(*(each.models for each in tunings))))
     curves = request._replace(models=names).curves()
     if len(curves) > _MOST_LINES or (raw and len(names) > style.FEW):
         return _plot_small_lines(curves, parameter, places, title, raw=raw)
@@ -488,8 +488,8 @@ def _draw_heat(
         image = axes.imshow(share, origin="lower", aspect="auto", cmap=style.SHADES, norm=norm)
     names = [_number(value) for value in cells.columns]
     letters = _SMALL_LETTERS if small else _LETTERS if len(x) > _NARROW else _COLUMN_LETTERS
-    room = letters // (1 + max(map(len, names)))  # names that fit beside each other
-    every = -(-len(x) // max(1, min(room, 6 if small else _MOST_TICKS)))
+    fitting = letters // (1 + max(map(len, names)))  # names that fit beside each other
+    every = -(-len(x) // max(1, min(fitting, 6 if small else _MOST_TICKS)))
     axes.set_xticks(x[::every], names[::every])
     every = -(-len(y) // (_SMALL_ROWS if small else _ROWS))
     axes.set_yticks(y[::every], [_number(value) for value in cells.index[::every]])

@@ -131,8 +131,8 @@ def averaged(tuning: Tuning) -> Tuning:
     return replace(tuning, rows=means.reset_index(), parameters=tuple(others))
 
 
-def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
-    """Return the one swept column with an ending, in a table with `of` swept columns.
+def column_of(tuning: Tuning, ending: str, wanted: str, *, count: int = 1) -> str:
+    """Return the one swept column with an ending, in a table with `count` swept columns.
 
     Raises
     ------
@@ -140,11 +140,11 @@ def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
         If not exactly one column has the ending, or the number of swept columns is another; the
         message says that the figure needs `wanted`.
     """
-    found = [name for name in tuning.parameters if name.endswith(ending)]
-    if len(found) != 1 or len(tuning.parameters) != of:
+    columns = [name for name in tuning.parameters if name.endswith(ending)]
+    if len(columns) != 1 or len(tuning.parameters) != count:
         swept = " and ".join(tuning.parameters)
         raise ResultError(f"{tuning.path}: sweeps '{swept}', not {wanted}")
-    return found[0]
+    return columns[0]
 
 
 def first_stimulus(tuning: Tuning) -> dict[str, Any]:
