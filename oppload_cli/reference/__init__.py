@@ -68,13 +68,13 @@ def bar_tuning(width_deg: float) -> dict[float, float]:
         Relative peak by axis in degrees, 0 to 180, in rising order; both ends of the
         bar grow, so that axis + 180 is the same. Empty for any other width.
     """
-    found = {
+    peaks = {
         peak.axis_deg: peak.relative
         for peak in lplc2_peaks()
         if peak.stimulus == "bar_expand" and peak.width_deg == width_deg
         if peak.axis_deg is not None
     }
-    return dict(sorted(found.items()))
+    return dict(sorted(peaks.items()))
 
 
 @dataclass(frozen=True)

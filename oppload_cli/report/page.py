@@ -1,4 +1,4 @@
-"""The content of a result's page: curves, alarms, boxes, ground truth, settings, warnings."""
+"""The content of a result's page: curves, alarms, boxes, ground truth, settings, remarks."""
 
 from __future__ import annotations
 
@@ -132,8 +132,8 @@ class Content:
         if not best.thresholded:
             return ""
         if best.peak > max([1.0, *(each.peak for each in alarms)]):
-            held = self.result.part("alarms")
-            return f", {uncounted_in(held, best.name, beside_alarms=bool(alarms))}"
+            alarms_part = self.result.part("alarms")
+            return f", {uncounted_in(alarms_part, best.name, beside_alarms=bool(alarms))}"
         if best.peak <= 1 and any(each.contact_s is not None for each in alarms):
             return f", {ENOUGH_BEFORE_CONTACT}"
         return ""
@@ -237,10 +237,10 @@ def _boxes(result: BaseResult, name: str) -> _Boxes:
     boxes: _Boxes = {}
     detections = read_detections(result.path)
     if detections is not None:
-        for found in detections:
-            if found["frame"] in rows:
-                boxes.setdefault(rows[found["frame"]], []).append(
-                    [_short(found.get(key)) for key in _DETECTION]
+        for detection in detections:
+            if detection["frame"] in rows:
+                boxes.setdefault(rows[detection["frame"]], []).append(
+                    [_short(detection.get(key)) for key in _DETECTION]
                 )
         return boxes
     sides = [f"{name}_{side}" for side in _DETECTION[:4]]
