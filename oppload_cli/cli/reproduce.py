@@ -9,7 +9,7 @@ import click
 
 from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.files.atomic import claimed, refuse_existing, write_atomic
-from oppload_cli.reproduction.claims import FIGURES, Built, build, chosen, pages_of
+from oppload_cli.reproduction.claims import FIGURES, Built, build, chosen_figures, pages_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,7 +53,7 @@ def reproduce(
     if listed:
         click.echo("\n".join(FIGURES))
         return
-    names = chosen(options.listed_names(only))
+    names = chosen_figures(options.listed_names(only))
     targets = [f"{name}.{suffix}" for name in names for suffix in (form, "csv")]
     targets += ["report.json", "index.html"]
     refuse_existing((output / name for name in targets), if_exists)

@@ -24,7 +24,7 @@ from oppload_cli.reproduction.claims import (
     Finding,
     Verdict,
     described_settings,
-    hardly,
+    faint_note,
     presented,
     settings_of,
     short,
@@ -87,7 +87,9 @@ class _Tunings:
         if any(map(math.isnan, numbers.values())):
             return Finding(NO_RESPONSE, verdict, numbers)
         faint = (
-            hardly("opplod", self.bars[each].values(), self.settings, f"to the {each} degree bar")
+            faint_note(
+                "opplod", self.bars[each].values(), self.settings, f"to the {each} degree bar"
+            )
             for each in widths
         )
         return Finding(text, verdict, numbers, " ".join(filter(None, faint)))
@@ -162,11 +164,11 @@ def _middle(tunings: _Tunings) -> Finding:
 
 
 def _edge(tunings: _Tunings) -> Finding:
-    last = [
+    remaining = [
         float(each.response[tunings.reach >= _BEYOND * tunings.edge_deg][0]) / each.largest
         for each in _responding(tunings)
     ]
-    median = float(np.median(last)) if last else math.nan
+    median = float(np.median(remaining)) if remaining else math.nan
     return tunings.finding(
         # Three digits: with two, 25.4 % would read as the 25 % at which the statement still holds.
         f"{100 * median:.3g} % of the peak remains beyond the edge.",

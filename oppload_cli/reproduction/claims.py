@@ -75,7 +75,7 @@ class Finding:
     text: str  # a sentence with the numbers
     verdict: Verdict
     numbers: Mapping[str, float] = field(default_factory=dict)
-    faint: str = ""  # sentences of :func:`hardly` on detectors that hardly respond
+    faint: str = ""  # sentences of :func:`faint_note` on detectors that hardly respond
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding ready for JSON; NaN and infinite numbers become null."""
@@ -164,10 +164,10 @@ class Built:
 
         The common verdict is "in part" if the verdicts differ.
         """
-        found: dict[str, set[Verdict]] = {}
+        verdicts: dict[str, set[Verdict]] = {}
         for claim in self.claims:
             for preset, finding in claim.findings.items():
-                found.setdefault(preset, set()).add(finding.verdict)
+                verdicts.setdefault(preset, set()).add(finding.verdict)
         return {
             "name": self.name,
             "title": self.title,
@@ -178,7 +178,7 @@ class Built:
             "command": f"oppload reproduce --only {self.name}",
             "verdicts": {
                 preset: str(each.pop() if len(each) == 1 else Verdict.IN_PART)
-                for preset, each in found.items()
+                for preset, each in verdicts.items()
             },
             "claims": [
                 {
@@ -195,7 +195,7 @@ class Built:
         }
 
 
-def hardly(
+def faint_note(
     detector: str, responses: Collection[Responses], settings: Settings, stimuli: str
 ) -> str:
     """Return a sentence if a detector hardly responds, else an empty text.
@@ -281,7 +281,7 @@ _PAPER = (
 _MARKS = {Verdict.HOLDS: "yes", Verdict.IN_PART: "part", Verdict.DOES_NOT: "no"}  # CSS classes
 
 
-def chosen(names: Collection[str]) -> list[str]:
+def chosen_figures(names: Collection[str]) -> list[str]:
     """Return the named figures in the order of the page, or all figures if none is named.
 
     Raises ParameterError if no figure has such a name.
@@ -304,7 +304,7 @@ def build(
     Parameters
     ----------
     names : sequence of str
-        Names from :func:`chosen`.
+        Names from :func:`chosen_figures`.
     jobs : int
         Number of processes, which does not change the result.
     form : str

@@ -22,7 +22,7 @@ from oppload_cli.reproduction.claims import (
     Finding,
     Verdict,
     described_settings,
-    hardly,
+    faint_note,
     presented,
     settings_of,
 )
@@ -248,12 +248,14 @@ def inward_motion() -> Built:
 
 def _shown(preset: str) -> Inward:
     settings = settings_of(preset, _FIELD_OF_60, detector="opplod")
-    made: Inward = {}
+    shown: Inward = {}
     for label, name in _STIMULI.items():
         key = "bar.axis_deg" if label == _OUTWARD else "scene.rotation_deg"
         members = presented(name, settings, {key: _ANGLES})
-        made[label] = dict(zip(_ANGLES, (each["opplod"] for each in members.values()), strict=True))
-    return made
+        shown[label] = dict(
+            zip(_ANGLES, (each["opplod"] for each in members.values()), strict=True)
+        )
+    return shown
 
 
 def _inward(shown: Inward, preset: str) -> Finding:
@@ -285,11 +287,11 @@ def _suppression(shown: Inward, preset: str) -> Finding:
 
 
 def _faint(shown: Inward, preset: str) -> str:
-    return hardly("opplod", shown[_OUTWARD].values(), settings_of(preset), "to outward motion")
+    return faint_note("opplod", shown[_OUTWARD].values(), settings_of(preset), "to outward motion")
 
 
 def _stated(ratios: dict[int, float]) -> str:
-    return " and ".join(f"{100 * each:.3g} % along {at} degrees" for at, each in ratios.items())
+    return " and ".join(f"{100 * ratio:.3g} % along {at} degrees" for at, ratio in ratios.items())
 
 
 def _draw_inward(shown: dict[str, Inward]) -> Figure:

@@ -22,7 +22,7 @@ from oppload_cli.reproduction.claims import (
     Finding,
     Verdict,
     described_settings,
-    hardly,
+    faint_note,
     presented,
     settings_of,
     short,
@@ -129,7 +129,7 @@ def _claims(
     yield claim("disk-earlier", _earlier, _PAPER)
     yield claim("disk-stronger", _stronger, _PAPER)
     centre = Projection.of(protocol.display).to_px(*protocol.objects[0].centre_deg)
-    yield claim("disk-place", functools.partial(_found, centre), ["opplod"])
+    yield claim("disk-place", functools.partial(_place, centre), ["opplod"])
 
 
 def _shown_at(stimulus: str, speed: float, settings: dict[str, Settings]) -> Shown:
@@ -149,16 +149,16 @@ def _finding_at(
 ) -> Finding:
     """Return the finding at the chosen speed; its text has the verdicts at other speeds."""
     chosen = by_speed[_SPEED][preset]
-    found = judge(chosen)
+    finding = judge(chosen)
     speeds: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
     for speed, shown in by_speed.items():
         if speed != _SPEED:
             speeds[judge(shown[preset]).verdict].append(f"{speed:g}")
-    others = "; ".join(f"{each} at {', '.join(at)}" for each, at in speeds.items() if at)
-    faint = (hardly(name, [chosen[name]], settings, "to the disk") for name in detectors)
+    others = "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in speeds.items() if at)
+    faint = (faint_note(name, [chosen[name]], settings, "to the disk") for name in detectors)
     return replace(
-        found,
-        text=f"{found.text} At other speeds of the disk: {others} px/frame.",
+        finding,
+        text=f"{finding.text} At other speeds of the disk: {others} px/frame.",
         faint=" ".join(filter(None, faint)),
     )
 
@@ -167,9 +167,9 @@ def _frame_of_peak(responses: Responses) -> int:
     return int(responses.frame[responses.peak or 0])
 
 
-def _near(detector: str, each: dict[str, Responses]) -> Finding:
-    paper, peak = _PAPER[detector], _frame_of_peak(each[detector])
-    last = ", the last one" * (peak == int(each[detector].frame[-1]))
+def _near(detector: str, by_detector: dict[str, Responses]) -> Finding:
+    paper, peak = _PAPER[detector], _frame_of_peak(by_detector[detector])
+    last = ", the last one" * (peak == int(by_detector[detector].frame[-1]))
     return Finding(
         f"{detector_named(detector).label} peaks at frame {peak}{last}; the paper says {paper}.",
         Verdict.at_most(abs(peak - paper), 1, 3),
@@ -177,13 +177,13 @@ def _near(detector: str, each: dict[str, Responses]) -> Finding:
     )
 
 
-def _earlier(each: dict[str, Responses]) -> Finding:
+def _earlier(by_detector: dict[str, Responses]) -> Finding:
     onset = {
         name: int(shown.frame[np.argmax(shown.response >= _EARLY * shown.largest)])
-        for name, shown in each.items()
+        for name, shown in by_detector.items()
     }
-    peak = {name: _frame_of_peak(responses) for name, responses in each.items()}
-    known = {name: shown.frame[np.isfinite(shown.response)] for name, shown in each.items()}
+    peak = {name: _frame_of_peak(responses) for name, responses in by_detector.items()}
+    known = {name: shown.frame[np.isfinite(shown.response)] for name, shown in by_detector.items()}
     words = {
         name: "at or before frame" if frame == known[name][0] else "at frame"
         for name, frame in onset.items()
@@ -197,10 +197,11 @@ def _earlier(each: dict[str, Responses]) -> Finding:
     )
 
 
-def _stronger(each: dict[str, Responses]) -> Finding:
-    until = (each["opplod"].peak or 0) + 1
+def _stronger(by_detector: dict[str, Responses]) -> Finding:
+    until = (by_detector["opplod"].peak or 0) + 1
     opplod, dlgmd = (
-        each[name].response[:until] / (each[name].largest or 1.0) for name in ("opplod", "dlgmd")
+        by_detector[name].response[:until] / (by_detector[name].largest or 1.0)
+        for name in ("opplod", "dlgmd")
     )
     known = np.isfinite(opplod) & np.isfinite(dlgmd)
     share = float(np.mean(opplod[known] > dlgmd[known])) if known.any() else np.nan
@@ -212,13 +213,13 @@ def _stronger(each: dict[str, Responses]) -> Finding:
     )
 
 
-def _found(centre: tuple[float, float], each: dict[str, Responses]) -> Finding:
-    responses = each["opplod"]
-    away = float(np.hypot(*(responses.centre[responses.peak or 0] - centre)))
+def _place(centre: tuple[float, float], by_detector: dict[str, Responses]) -> Finding:
+    responses = by_detector["opplod"]
+    distance = float(np.hypot(*(responses.centre[responses.peak or 0] - centre)))
     return Finding(
-        f"At the peak the winning unit is {away:.0f} px from the disk's centre.",
-        Verdict.at_most(away, 10, 50),
-        {"distance_px": away},
+        f"At the peak the winning unit is {distance:.0f} px from the disk's centre.",
+        Verdict.at_most(distance, 10, 50),
+        {"distance_px": distance},
     )
 
 

@@ -96,15 +96,15 @@ def axis_of(name: str) -> float | None:
 
 def _published() -> dict[tuple[str, float | None], float]:
     """Return the published peaks divided by that for the loom, by stimulus and axis."""
-    known = {}
+    published = {}
     for peak in lplc2_peaks():
         kind, _, word = peak.stimulus.rpartition("_")
         name = kind if word in _NAMED_DIRECTIONS else peak.stimulus
         for family in BATTERY:
             same_width = name != "bar_expand" or family.width_deg == peak.width_deg
             if family.published == name and same_width:
-                known[family.name, peak.axis_deg] = peak.relative
-    return known
+                published[family.name, peak.axis_deg] = peak.relative
+    return published
 
 
 def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
@@ -158,8 +158,8 @@ def _settings(name: str) -> Settings:
 def _signal(protocol: Protocol, settings: Settings) -> tuple[Series, Series]:
     """Return times in s and the calcium signal of the only detector in the settings."""
     params = parameters_of("opplod", _PRESET)
-    (found,) = present(protocol, settings, indicator_s=params.calcium_s).values()
-    return found.time_s, np.nan_to_num(found.response)
+    (responses,) = present(protocol, settings, indicator_s=params.calcium_s).values()
+    return responses.time_s, np.nan_to_num(responses.response)
 
 
 def phenomena(rows: Sequence[Row]) -> dict[str, tuple[float, float, float]]:
@@ -172,20 +172,20 @@ def phenomena(rows: Sequence[Row]) -> dict[str, tuple[float, float, float]]:
     def over(one: str, other: str, axes: Iterable[int]) -> list[float]:
         return [_ratio(peak[one, axis], peak[other, axis]) for axis in axes]
 
-    quarter = range(0, 180, 15)
+    axes = range(0, 180, 15)
     ends = [
         ratio
         for width in (10, 20, 60)
         for ratio in over(f"bar-expand-{width}", f"bar-expand-{width}-one-end", range(0, 180, 30))
     ]
-    bars = [peak["bar-expand-10", axis] for axis in quarter]
+    bars = [peak["bar-expand-10", axis] for axis in axes]
     wide = [peak["bar-expand-60", axis] for axis in (0, 15, 30, 45)]
     steps = [_ratio(after, before) for before, after in itertools.pairwise(wide)]
     fields = [
         peak[name, axis] for name in ("bar-sweep", "edge", "grating") for axis in range(0, 360, 45)
     ]
-    corners = over("bar-expand-inward-corners", "bar-expand-10", quarter)
-    periphery = over("bar-expand-inward-periphery", "bar-expand-10", quarter)
+    corners = over("bar-expand-inward-corners", "bar-expand-10", axes)
+    periphery = over("bar-expand-inward-periphery", "bar-expand-10", axes)
     return {  # unlike min and max, np.min and np.max give NaN if any value is NaN
         "both ends over one end, least": (np.min(ends), 2.5, math.inf),
         "outward cross": (peak["cross-outward", None], 0.35, 0.6),

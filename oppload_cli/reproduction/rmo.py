@@ -68,7 +68,7 @@ _OTHERS = {
 def definition() -> Built:
     """Compare the paper's construction of the degree of opponency with the closed form."""
     largest, literal = _differences()
-    both = float(rmo((-1.0, 0.0), (1.0, 0.0)))
+    both_sides = float(rmo((-1.0, 0.0), (1.0, 0.0)))
     one_side = float(rmo((-1.0, 0.0), (1.0, 0.0), sides=1))
     counted = Verdict.HOLDS if one_side >= 0.99 else Verdict.IN_PART
     closed_form = Finding(
@@ -78,9 +78,9 @@ def definition() -> Built:
     )
     mirrored = Finding(
         f"The integral as printed gives {100 * one_side:.0f} %; with both sides of the centre it "
-        f"gives {100 * both:.0f} %.",
-        counted if both >= 0.99 else Verdict.DOES_NOT,
-        {"one_side": one_side, "both_sides": both},
+        f"gives {100 * both_sides:.0f} %.",
+        counted if both_sides >= 0.99 else Verdict.DOES_NOT,
+        {"one_side": one_side, "both_sides": both_sides},
     )
     claims = (
         Claim.of("rmo-closed-form", {NO_PRESET: closed_form}),
@@ -162,16 +162,16 @@ def _draw_definition() -> Figure:
 def _draw_construction(axes: Axes) -> None:
     s1, v1 = np.array([-1.4, 0.6]), np.array([-1.9, 1.9])
     s2, v2 = np.array([1.2, -0.7]), np.array([3.0, -1.4])
-    made = _construct(s1, v1, s2, v2)
+    steps = _construct(s1, v1, s2, v2)
     for reach in (-3.6, 4.2):
-        _segment(axes, made.middle, made.middle + reach * made.line, color=FAINT, lw=0.8)
+        _segment(axes, steps.middle, steps.middle + reach * steps.line, color=FAINT, lw=0.8)
     for number, (start, vector) in enumerate(((s1, v1), (s2, v2)), 1):
         colour = CYCLE[number - 1]
-        _segment(axes, start, made.meeting, color=colour, lw=0.7, linestyle=":")
+        _segment(axes, start, steps.meeting, color=colour, lw=0.7, linestyle=":")
         _arrow(axes, start, vector, colour)
         axes.annotate(f"$v_{number}$", _xy(start + 0.6 * vector), (0, 5), color=colour,
                       textcoords="offset points")  # fmt: skip
-        first, last = made.projections[2 * number - 2 : 2 * number]
+        first, last = steps.projections[2 * number - 2 : 2 * number]
         for point, end in ((start, first), (start + vector, last)):
             _segment(axes, point, end, color=colour, lw=0.5, linestyle="--")
         _segment(axes, first, last, color=colour, lw=3, alpha=0.45)
@@ -179,12 +179,14 @@ def _draw_construction(axes: Axes) -> None:
             axes.annotate(f"$P_{{{number}{index}}}$", _xy(end), (-4, -10), fontsize=6.5,
                           textcoords="offset points", color=colour)  # fmt: skip
     _segment(axes, s1, s2, color=INK, lw=0.5)
-    named = (((s1 + s2) / 2, "M", -9), (made.middle, "$M_e$", 5), (made.meeting, "$P_i$", 5))
+    named = (((s1 + s2) / 2, "M", -9), (steps.middle, "$M_e$", 5), (steps.meeting, "$P_i$", 5))
     for point, name, up in named:
         axes.plot(*point, "o", color=INK, markersize=2.5)
         axes.annotate(name, _xy(point), (0, up), textcoords="offset points")
-    axes.annotate("$l_e$", _xy(made.middle + 4.0 * made.line), (-2, 6), textcoords="offset points")
-    axes.set_title(f"construction: RMO = {made.ratio:.2f}")
+    axes.annotate(
+        "$l_e$", _xy(steps.middle + 4.0 * steps.line), (-2, 6), textcoords="offset points"
+    )
+    axes.set_title(f"construction: RMO = {steps.ratio:.2f}")
     axes.set(aspect="equal", xticks=[], yticks=[])
     axes.invert_yaxis()
     axes.axis("off")
@@ -260,12 +262,12 @@ def stimuli() -> Built:
 
 def _indices(changes: dict[str, dict[str, list[int]]]) -> dict[str, dict[int, float]]:
     """Return the RMO index by stimulus and frame, of stimuli that move fast enough."""
-    found = {
+    indices = {
         protocol.name: _index(protocol)
         for name, changed in changes.items()
         for protocol in load_all(name, {**NO_PAUSE, **changed})
     }
-    return {name: index for name, index in found.items() if index}
+    return {name: index for name, index in indices.items() if index}
 
 
 def _index(protocol: Protocol) -> dict[int, float]:

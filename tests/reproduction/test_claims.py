@@ -14,7 +14,7 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
-    hardly,
+    faint_note,
     settings_of,
     short,
     stated,
@@ -96,10 +96,10 @@ def test_a_verdict_on_a_faint_response_says_so() -> None:
         peak: [Responses(time, time, np.array([NAN, 0, peak]), np.full((3, 4), NAN))]
         for peak in (1e-4, 1.0)
     }
-    faint = hardly("dlgmd", shown[1e-4], settings, "to the disk")
+    faint = faint_note("dlgmd", shown[1e-4], settings, "to the disk")
     assert faint.startswith("D-LGMD hardly responds to the disk (largest response 0.0001, below a")
-    assert hardly("dlgmd", shown[1.0], settings, "to the disk") == ""
-    assert hardly("dlgmd", shown[1e-4] + shown[1.0], settings, "to the disk") == ""
+    assert faint_note("dlgmd", shown[1.0], settings, "to the disk") == ""
+    assert faint_note("dlgmd", shown[1e-4] + shown[1.0], settings, "to the disk") == ""
     found = Finding("Peak at 44.", HOLDS, {}, faint).as_dict()
     assert found["text"] == f"Peak at 44. {faint}"
     assert stated(found) == "holds, hardly responds"

@@ -12,7 +12,7 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.motion.rmo import rmo
 from oppload_cli.reproduction import bars, direction, looming
 from oppload_cli.reproduction import rmo as reproduction_rmo
-from oppload_cli.reproduction.claims import FIGURES, Verdict, build, chosen, settings_of
+from oppload_cli.reproduction.claims import FIGURES, Verdict, build, chosen_figures, settings_of
 from oppload_cli.reproduction.rmo import _construct, definition
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.tuning.present import Responses
@@ -261,10 +261,10 @@ def test_the_medians_decide_on_the_index_of_the_stimuli(monkeypatch: pytest.Monk
 
 
 def test_figures_are_chosen_by_name_in_the_order_of_the_page() -> None:
-    assert chosen([]) == list(FIGURES)
-    assert chosen(["rmo-definition", "up-down"]) == ["up-down", "rmo-definition"]
+    assert chosen_figures([]) == list(FIGURES)
+    assert chosen_figures(["rmo-definition", "up-down"]) == ["up-down", "rmo-definition"]
     with pytest.raises(ParameterError, match="no figure 'updown'; did you mean 'up-down'"):
-        chosen(["updown"])
+        chosen_figures(["updown"])
 
 
 @pytest.mark.slow
