@@ -42,10 +42,10 @@ def collect(
         on_error=lambda error: say(f"oppload: {error}"),
     )
     if not quiet:
-        say(f"{counted(collected.good, 'result')}, {counted(collected.rows, 'row')} -> {output}")
+        say(f"{counted(collected.results, 'result')}, {counted(collected.rows, 'row')} -> {output}")
     if collected.differences and not quiet:
         say(f"oppload: the results have different settings: {collected.differences}")
-    if collected.bad:
-        lost = counted(collected.bad, "result")
+    if collected.failures:
+        lost = counted(collected.failures, "result")
         say(f"oppload: {lost} could not be collected; the others are in {output}")
-    return ExitCode.INCOMPLETE if collected.bad else ExitCode.DONE
+    return ExitCode.INCOMPLETE if collected.failures else ExitCode.DONE

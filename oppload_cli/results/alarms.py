@@ -46,16 +46,16 @@ class _AlarmEvent:
     def add(self, record: FrameRecord, model: str) -> None:
         """Take a frame in which the alarm is on."""
         self.end_s = record.time_s
-        ratio, place = record.over_threshold(model), record.objects.get(model)
-        if place is not None and place.time_to_contact_s is not None:
-            contact_s = record.time_s - self.start_s + place.time_to_contact_s
+        ratio, detection = record.over_threshold(model), record.objects.get(model)
+        if detection is not None and detection.time_to_contact_s is not None:
+            contact_s = record.time_s - self.start_s + detection.time_to_contact_s
             self.time_to_contact_s = self.time_to_contact_s or contact_s
         if self.near_contact is None:  # the first frame of the alarm
             below = ratio is not None and ratio <= 1
             self.near_contact = below and self.time_to_contact_s is not None
         if ratio is not None and ratio > self.peak_over_threshold:
             self.peak_over_threshold = ratio
-            self.box = list(place.box) if place is not None else self.box
+            self.box = list(detection.box) if detection is not None else self.box
 
 
 class Verdict(NamedTuple):
@@ -140,8 +140,8 @@ def uncounted(blind: str | None, *, beside_alarms: bool = False) -> str:
 
 def uncounted_in(alarms: Mapping[str, Any], model: str, *, beside_alarms: bool = False) -> str:
     """Return the end of a sentence as `uncounted` does, from the part ``alarms`` of a sidecar."""
-    held = alarms.get(model)
-    blind = held.get("peak_blind") if isinstance(held, dict) else None
+    content = alarms.get(model)
+    blind = content.get("peak_blind") if isinstance(content, dict) else None
     return uncounted(blind if isinstance(blind, str) else None, beside_alarms=beside_alarms)
 
 
@@ -184,11 +184,11 @@ def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
     return tuple(
         Verdict(
             model,
-            tuple(_AlarmEvent(**each) for each in held["alarms"]),
-            held["peak"],
-            held.get("peak_blind"),
+            tuple(_AlarmEvent(**each) for each in content["alarms"]),
+            content["peak"],
+            content.get("peak_blind"),
         )
-        for model, held in sidecar["alarms"].items()
+        for model, content in sidecar["alarms"].items()
     )
 
 
@@ -217,7 +217,7 @@ def label_of(model: str) -> str:
 
 
 def write_alarms(
-    path: Path, found: Mapping[str, Iterable[Verdict]], stems: Mapping[str, str]
+    path: Path, verdicts_of: Mapping[str, Iterable[Verdict]], stems: Mapping[str, str]
 ) -> None:
     """Write ``alarms.csv``: a row per alarm, sorted by input, from the verdicts by input.
 
@@ -225,12 +225,12 @@ def write_alarms(
     second batch into the same folder, for example with the inputs that failed, adds to the file.
     Raises OutputError if it cannot be written.
     """
-    replaced = {printable(stems[video]) for video in found}
+    replaced = {printable(stems[video]) for video in verdicts_of}
     with open_csv(path, ALARM_COLUMNS) as table:  # first: two batches may end at the same time
         rows: list[dict[str, Any]] = [
             row for row in rows_of(path, ALARM_COLUMNS) if row["result"] not in replaced
         ]
-        for video, verdicts in found.items():
+        for video, verdicts in verdicts_of.items():
             about = {"result": printable(stems[video]), "video": printable(video)}
             for each in verdicts:
                 rows += [about | _row(each.model, alarm) for alarm in each.alarms]

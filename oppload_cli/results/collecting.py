@@ -82,8 +82,8 @@ class _Collected(NamedTuple):
     `differences` says in which settings the results differ; it is empty if they do not.
     """
 
-    good: int
-    bad: int
+    results: int
+    failures: int
     rows: int
     differences: str
 
@@ -122,13 +122,13 @@ def collect(
         If the table exists already, or cannot be written.
     """
     refuse_existing([output], if_exists)
-    found: dict[tuple[str, str], tuple[Path, Path]] = {}  # by real folder and name: each once
+    tables: dict[tuple[str, str], tuple[Path, Path]] = {}  # by real folder and name: each once
     for folder in folders:
         if is_file(folder):
             raise ResultError(f"{folder}: is a file; give the folder of the results")
-        for table in _found_tables(folder):
-            found.setdefault((os.path.realpath(table.parent), table.name), (table, folder))
-    results = found.values()
+        for table in _tables_below(folder):
+            tables.setdefault((os.path.realpath(table.parent), table.name), (table, folder))
+    results = tables.values()
     columns = _frame_columns(table for table, _ in results) if of_frames else _SUMMARY_COLUMNS
     good = bad = rows = 0
     settings: defaultdict[str, set[str]] = defaultdict(set)
@@ -196,7 +196,7 @@ def _frame_columns(tables: Iterable[Path]) -> dict[str, type]:
     return {"result": str, "input": str, **kinds}
 
 
-def _found_tables(folder: Path) -> Iterator[Path]:
+def _tables_below(folder: Path) -> Iterator[Path]:
     """Yield the table of each result in a folder, to any depth; it or its sidecar may not exist.
 
     The results of one folder are sorted by name.
@@ -206,8 +206,8 @@ def _found_tables(folder: Path) -> Iterator[Path]:
         with reading(str(error.filename), ResultError):
             raise error
 
-    for place, within, files in os.walk(folder, onerror=refuse):
-        within.sort()
+    for root, folders, files in os.walk(folder, onerror=refuse):
+        folders.sort()
         stems = {
             name.removesuffix(suffix)
             for name in files
@@ -215,7 +215,7 @@ def _found_tables(folder: Path) -> Iterator[Path]:
             if name.endswith(suffix)
         }
         for stem in sorted(stems):
-            yield Path(place, stem + TABLE)
+            yield Path(root, stem + TABLE)
 
 
 def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
@@ -232,13 +232,13 @@ def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
         raise ResultError(
             f"{paths[0]}: lists several results; {ANOTHER_RESULT}, or the folder of the results"
         )
-    found: list[tuple[Path, Path]] = []
+    pairs: list[tuple[Path, Path]] = []
     for path in others:
-        tables = list(_found_tables(path)) if is_folder(path) else [path]
+        tables = list(_tables_below(path)) if is_folder(path) else [path]
         if not tables:
             raise ResultError(f"{path}: holds no result; give a folder of 'oppload run --output'")
-        found += ((path, table) for table in tables)
-    return found
+        pairs += ((path, table) for table in tables)
+    return pairs
 
 
 def _summary_rows(table: Path, name: str, content: dict[str, Any]) -> Iterator[Row]:

@@ -231,22 +231,22 @@ def read_detections(table: Path) -> list[dict[str, Any]] | None:
     path = part_of(path) if table.name.endswith(PART) else path
     if not is_there(path):
         return None
-    found = []
+    detections = []
     with reading(path, ResultError, form="JSON Lines", repair="run the input again"):
         for line in text_of(path).split("\n")[:-1]:
-            found.append(json.loads(line))
-            if not _is_detection(found[-1]):
+            detections.append(json.loads(line))
+            if not _is_detection(detections[-1]):
                 raise ValueError(f"not a detection: {line[:40]}")
-    return found
+    return detections
 
 
-def _is_detection(found: Any) -> bool:
-    if not isinstance(found, dict):
+def _is_detection(content: Any) -> bool:
+    if not isinstance(content, dict):
         return False
-    required = [found.get(key) for key in ("frame", *Box._fields)]
+    required = [content.get(key) for key in ("frame", *Box._fields)]
     return None not in required and all(
         value is None or (isinstance(value, int | float) and abs(value) <= LARGEST)  # not NaN
-        for value in found.values()
+        for value in content.values()
     )
 
 
@@ -384,14 +384,14 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
         raise SourceError(f"{name}: frames of a camera or a stream are not kept")
     path = Path(name)
     folder = result.path.parent
-    places = [path, folder / path, folder / path.name]
+    candidates = [path, folder / path, folder / path.name]
     if moved:
         parts = [part for part in path.parts if part not in {path.anchor, ".."}]
-        places = [Path(moved, *parts[at:]) for at in range(len(parts) + 1)]
-    for place in places:
-        folder = place.parent if NUMBER.search(place.name) else place
-        if is_file(place) or (kind == "images" and (is_folder(place) or is_folder(folder))):
-            return f"./{place}" if is_camera(str(place)) else str(place)
+        candidates = [Path(moved, *parts[at:]) for at in range(len(parts) + 1)]
+    for candidate in candidates:
+        folder = candidate.parent if NUMBER.search(candidate.name) else candidate
+        if is_file(candidate) or (kind == "images" and (is_folder(candidate) or is_folder(folder))):
+            return f"./{candidate}" if is_camera(str(candidate)) else str(candidate)
     where = f" below {moved}" if moved else ""
     raise SourceError(
         f"{name}: is not found{where}; say where it is with --video (in Python video=PATH)"

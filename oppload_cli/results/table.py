@@ -143,25 +143,25 @@ class FrameRecord:
         }
         for name, response in self.responses.items():
             detector = detector_named(name)
-            own: dict[str, Cell] = {
+            cells: dict[str, Cell] = {
                 "response": None if response is None else response.response,
                 "alarm": self.alarms.get(name, False),
             }
             if detector.places:
-                found = self.objects.get(name)
-                box = (None,) * 4 if found is None else found.box
+                detection = self.objects.get(name)
+                box = (None,) * 4 if detection is None else detection.box
                 unit = None if response is None else response.box
                 centre = (None,) * 2 if unit is None else unit.centre
-                own.update(zip((each.name for each in PLACE), (*box, *centre), strict=True))
-                view = None if found is None else found.view
-                own.update((each.name, getattr(view, each.name, None)) for each in VIEW)
-                own["evidence_over_threshold"] = self._multiple(name, self.evidence.get(name))
+                cells.update(zip((each.name for each in PLACE), (*box, *centre), strict=True))
+                view = None if detection is None else detection.view
+                cells.update((each.name, getattr(view, each.name, None)) for each in VIEW)
+                cells["evidence_over_threshold"] = self._multiple(name, self.evidence.get(name))
                 for key in ("time_to_contact_s", "time_to_contact_error_s"):
-                    own[key] = getattr(found, key, None)
-            own["over_threshold"] = self.over_threshold(name)
+                    cells[key] = getattr(detection, key, None)
+            cells["over_threshold"] = self.over_threshold(name)
             for column in (*detector.columns, *detector.details):
-                own[column.name] = getattr(response, column.name, None)
-            values.update((f"{name}_{key}", value) for key, value in own.items())
+                cells[column.name] = getattr(response, column.name, None)
+            values.update((f"{name}_{key}", value) for key, value in cells.items())
         values.update((each.name, getattr(self.rmo, each.name, None)) for each in RMO)
         return values
 
@@ -227,8 +227,8 @@ def fault_of_rows(table: Path, sidecar: Mapping[str, Any]) -> str:
     A row without its line end was cut, and does not count. Raises OSError, KeyError or TypeError if
     the table cannot be read, or the sidecar lacks the number of rows.
     """
-    found, written = rows_in(table), sidecar["decode"]["analysed"]
-    return "" if found == written else f"holds {found} complete rows, but its run wrote {written}"
+    rows, written = rows_in(table), sidecar["decode"]["analysed"]
+    return "" if rows == written else f"holds {rows} complete rows, but its run wrote {written}"
 
 
 def write_sidecar(target: Path | PartFile, content: dict[str, Any]) -> None:

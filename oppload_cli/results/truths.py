@@ -71,12 +71,12 @@ def find_truth(result: BaseResult) -> Truth | None:
     if "error" in stated:
         return None
     path = stated.get("path")
-    named = [Path(path), result.path.parent / path] if isinstance(path, str) else []
+    candidates = [Path(path), result.path.parent / path] if isinstance(path, str) else []
     facts = result.part("input")
-    for path in (*named, result.path.with_name(result.stem + GROUND_TRUTH)):
+    for path in (*candidates, result.path.with_name(result.stem + GROUND_TRUTH)):
         if is_file(path):
-            shown = (facts.get(name) for name in ("width", "height", "frames_declared"))
-            return read_truth(path, *shown)
+            sides = (facts.get(name) for name in ("width", "height", "frames_declared"))
+            return read_truth(path, *sides)
     return None
 
 
@@ -118,7 +118,7 @@ def sizes_in(frames: Sequence[Mapping[str, Any] | None]) -> dict[str, list[float
         for each in frame["objects"] if frame else ():
             of_object = sizes.setdefault(each["id"], [None] * len(frames))
             of_object[at] = each["angular_size_deg"] if each["visible"] else None
-    return {name: each for name, each in sizes.items() if any(s is not None for s in each)}
+    return {name: each for name, each in sizes.items() if any(size is not None for size in each)}
 
 
 def truth_fault(result: BaseResult) -> str:
