@@ -367,8 +367,8 @@ class Table:
         if wanted:
             unit = f" {declared.unit}" if declared.unit and cls._units else ""
             # With all digits: 1.0000001 must not read as 1.
-            found = str(float(number)).removesuffix(".0")
-            raise cls._error(f"{label} must be {wanted}{unit}, not {found}")
+            number_text = str(float(number)).removesuffix(".0")
+            raise cls._error(f"{label} must be {wanted}{unit}, not {number_text}")
 
     def _check_kind(self) -> None:
         kind = getattr(self, "kind", None)
