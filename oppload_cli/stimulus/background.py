@@ -96,9 +96,9 @@ class Drawn:
 
     def picture(self, time: float, _frame_s: float) -> Picture:
         """Return a new picture; one of a camera that has not moved since is drawn only once."""
-        place, view = seen = self.seen_at(time)
+        surroundings, view = seen = self.seen_at(time)
         if self._last is None or self._last[0] != seen:
-            self._last = seen, place.picture(view)
+            self._last = seen, surroundings.picture(view)
         return self._last[1].copy()
 
 
@@ -163,8 +163,8 @@ def _footage(scene: Scene, display: Display, last_s: float, changed: int) -> Foo
     with open_video(path, height=None) as probe:
         rate, native = probe.facts.frame_rate, probe.working
     _check_size(native.width, native.height, scene, display)
-    same = rate is not None and abs(rate / display.frame_rate - 1) <= 1e-3
-    if scene.background_rate != "own" and not same:
+    same_rate = rate is not None and abs(rate / display.frame_rate - 1) <= 1e-3
+    if scene.background_rate != "own" and not same_rate:
         native_rate = "no constant rate" if rate is None else f"{float(rate):g} frames/s"
         raise StimulusError(
             f"it has {native_rate} and the display {float(display.frame_rate):g}; change "
@@ -204,8 +204,8 @@ def _covering(luma: Picture, width: int, height: int) -> Grey:
     scale = max(width / luma.shape[1], height / luma.shape[0])
     if abs(scale - 1) > 1e-9:
         size = max(width, round(luma.shape[1] * scale)), max(height, round(luma.shape[0] * scale))
-        way = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-        luma = np.asarray(cv2.resize(luma, size, interpolation=way), np.float32)
+        method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        luma = np.asarray(cv2.resize(luma, size, interpolation=method), np.float32)
     top, left = (luma.shape[0] - height) // 2, (luma.shape[1] - width) // 2
     part = luma[top : top + height, left : left + width]
     return np.asarray(np.rint(part * np.float32(255)), np.uint8)

@@ -120,8 +120,8 @@ class Entry:
             for dotted, value in values.items():
                 table = with_value(table, dotted, value, f"{self.path}: sweep")
             # A changed key that is swept has another value in each member.
-            told = self.changes | {key: values[key] for key in self.changes if key in values}
-            where = replace(self, changes=told).label
+            changes = self.changes | {key: values[key] for key in self.changes if key in values}
+            where = replace(self, changes=changes).label
             protocols.append(Protocol.from_table({**table, "name": name}, where))
         return protocols
 
@@ -208,9 +208,9 @@ def catalogue_directory() -> Path:
         If there is no such folder.
     """
     package = Path(__file__).resolve().parents[1]
-    for place in (package / "stimuli", package.parent / "stimuli"):
-        if place.is_dir():
-            return place
+    for folder in (package / "stimuli", package.parent / "stimuli"):
+        if folder.is_dir():
+            return folder
     raise StimulusError(f"the catalogue is not in {package / 'stimuli'}; install oppload again")
 
 
@@ -298,16 +298,16 @@ def find(wanted: str) -> list[Entry]:
     exact = [entry for entry in entries() if entry.name == wanted]
     if exact:
         return exact
-    found = []
+    matching = []
     for entry in entries():
         if fnmatch.fnmatchcase(entry.name, wanted):
-            found.append(entry)
+            matching.append(entry)
         elif entry.sweep and any(fnmatch.fnmatchcase(name, wanted) for name in entry.values()):
-            found.append(replace(entry, only=wanted))
-    found = found or _by_part(wanted)
-    if not found:
+            matching.append(replace(entry, only=wanted))
+    matching = matching or _by_part(wanted)
+    if not matching:
         raise StimulusError(f"no stimulus '{wanted}' in the catalogue; {_hint(wanted)}")
-    return found
+    return matching
 
 
 def _hint(wanted: str) -> str:
@@ -318,8 +318,8 @@ def _hint(wanted: str) -> str:
     if any(entry.name.startswith(f"{wanted}/") for entry in entries()):
         return f"did you mean '{wanted}/*'?"
     short = {entry.name.rpartition("/")[2] for entry in entries()}
-    if found := nearest(wanted, short | _names()):
-        return f"did you mean '{found}'?"
+    if similar := nearest(wanted, short | _names()):
+        return f"did you mean '{similar}'?"
     return "see 'oppload stimuli list', or give FILE.toml or FILE.toml/MEMBER"
 
 
@@ -361,14 +361,14 @@ def _by_part(wanted: str) -> list[Entry]:
     member_of = {name: entry for entry in entries() if entry.sweep for name in entry.values()}
     for names in (entry_of, member_of):
         ending = sorted(name for name in names if name.endswith(f"/{wanted}"))
-        near = ending or sorted(name for name in names if len(wanted) > 2 and wanted in name)
-        if len(near) == 1:
-            entry = names[near[0]]
-            return [entry if near[0] == entry.name else replace(entry, only=near[0])]
-        if near:
-            more = f" and {len(near) - 3} more" if len(near) > 3 else ""
+        fitting = ending or sorted(name for name in names if len(wanted) > 2 and wanted in name)
+        if len(fitting) == 1:
+            entry = names[fitting[0]]
+            return [entry if fitting[0] == entry.name else replace(entry, only=fitting[0])]
+        if fitting:
+            more = f" and {len(fitting) - 3} more" if len(fitting) > 3 else ""
             raise StimulusError(
-                f"'{wanted}' could be {', '.join(near[:3])}{more}; write more of the name"
+                f"'{wanted}' could be {', '.join(fitting[:3])}{more}; write more of the name"
             )
     return []
 
@@ -434,8 +434,8 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
         raise StimulusError(
             f"settings must be a dict, e.g. {{'display.frame_rate': 60}}, not {settings!r:.60}"
         )
-    found = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
-    changed = [entry.with_settings(settings or {}, "settings") for entry in found]
+    originals = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
+    changed = [entry.with_settings(settings or {}, "settings") for entry in originals]
     return [each for entry in changed for each in entry.with_changes_described().protocols()]
 
 

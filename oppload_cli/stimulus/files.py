@@ -64,12 +64,14 @@ def contact_sheet(
     height, width = (max(1, round(size * scale)) for size in pictures[0].shape)
     columns = min(columns, len(pictures))
     rows = math.ceil(len(pictures) / columns)
-    down, across = height + _GUTTER + _CAPTION * bool(times_s), width + _GUTTER
-    sheet = np.full((rows * down + _GUTTER, columns * across + _GUTTER), 255, dtype=np.uint8)
+    row_step, column_step = height + _GUTTER + _CAPTION * bool(times_s), width + _GUTTER
+    sheet = np.full(
+        (rows * row_step + _GUTTER, columns * column_step + _GUTTER), 255, dtype=np.uint8
+    )
     for index, picture in enumerate(pictures):
         small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-        top = _GUTTER + index // columns * down
-        left = _GUTTER + index % columns * across
+        top = _GUTTER + index // columns * row_step
+        left = _GUTTER + index % columns * column_step
         sheet[top - 1 : top + height + 1, left - 1 : left + width + 1] = 0
         sheet[top : top + height, left : left + width] = small
         if times_s:
@@ -115,19 +117,19 @@ def _check_fits(protocol: Protocol, form: str, where: str) -> None:
     """Refuse a format that cannot hold a stimulus; `where` names the stimulus in the message."""
     if form not in FORMATS:
         raise StimulusError(f"no video format '{form}'{suggestion(form, FORMATS)}")
-    display, known = protocol.display, FORMATS[form]
+    display, video_format = protocol.display, FORMATS[form]
     for key in ("width", "height"):
         pixels = getattr(display, key)
-        if known.even and pixels % 2:
+        if video_format.even and pixels % 2:
             raise StimulusError(
                 f"{where}: display.{key} = {pixels} is odd, and {form} holds even sizes only; "
                 "change it or use format ffv1"
             )
-    if known.fastest_hz is not None and display.frame_rate > known.fastest_hz:
+    if video_format.fastest_hz is not None and display.frame_rate > video_format.fastest_hz:
         fits = "ffv1" if display.frame_rate <= (FORMATS["ffv1"].fastest_hz or 0) else "png or npz"
         raise StimulusError(
             f"{where}: display.frame_rate = {float(display.frame_rate):g} is more than the "
-            f"{known.fastest_hz:g} Hz that {form} holds; lower it or use format {fits}"
+            f"{video_format.fastest_hz:g} Hz that {form} holds; lower it or use format {fits}"
         )
 
 
@@ -138,7 +140,7 @@ def stimuli_named(
 
     `settings` are values to change, by dotted key; `form` is the format of the files.
     """
-    found: dict[str, Protocol] = {}
+    stimuli: dict[str, Protocol] = {}
     problems: list[OpploadError] = []
     for name in names:
         try:
@@ -146,14 +148,14 @@ def stimuli_named(
                 changed = entry.with_settings(settings).with_changes_described()
                 for protocol in changed.protocols():
                     _check_fits(protocol, form, changed.label)
-                    if found.setdefault(protocol.name, protocol) != protocol:
+                    if stimuli.setdefault(protocol.name, protocol) != protocol:
                         raise OutputError(
                             f"{entry.path}: two different stimuli are named '{protocol.name}'; "
                             "rename a file or generate them one by one"
                         )
         except OpploadError as problem:
             problems.append(problem)
-    return list(found.values()), problems
+    return list(stimuli.values()), problems
 
 
 def not_made_yet(
@@ -314,18 +316,18 @@ def write_all(
     list of Written or OpploadError
         In the order of `protocols`.
     """
-    one = partial(_written, directory=directory, form=form, preview=preview, new=new)
+    write_one = partial(_written, directory=directory, form=form, preview=preview, new=new)
     # To start a process takes as long as to write one or two stimuli.
     jobs = max(1, min(len(protocols) // 2, jobs or cores()))
     with closing(
-        outcomes(one, protocols, jobs, named=attrgetter("name"), on_message=progress)
+        outcomes(write_one, protocols, jobs, named=attrgetter("name"), on_message=progress)
     ) as coming:
         done: dict[int, Written | OpploadError] = dict(coming)
     return [done[position] for position in range(len(protocols))]
 
 
-def _written(protocol: Protocol, tell: Callable[[int], object], **how: Any) -> Written:
+def _written(protocol: Protocol, tell: Callable[[int], object], **options: Any) -> Written:
     count = Seldom(tell)
-    made = write(protocol, progress=count, **how)
+    written = write(protocol, progress=count, **options)
     count.flush()
-    return made
+    return written

@@ -45,11 +45,11 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     # With `reverse`, growth and movement run from their end to their start.
     phase = end - start - elapsed if obj.reverse else elapsed
     sign = (-1.0 if obj.reverse else 1.0) if moving else 0.0
-    grown = phase
+    growth_phase = phase
     if obj.growth is not None and obj.growth.kind == "steps":
         # In the pause, a step of the size at the start of the motion has not yet come.
-        grown = min(phase, end - time if obj.reverse else time - start)
-    extent = _extent_of(protocol, obj, grown).times(sign)
+        growth_phase = min(phase, end - time if obj.reverse else time - start)
+    extent = _extent_of(protocol, obj, growth_phase).times(sign)
     travel, velocity, turn = _movement(
         obj.motion, phase, obj.axis_deg, f"{protocol.seed}/{obj.id}", backwards=obj.reverse
     )

@@ -108,12 +108,12 @@ class Tile:
         tile = self.levels[level]
         side = tile.shape[0]
         # Sample k is the value at k + 0.5.
-        (left, right, fx), (top, low, fy) = (_between(w * side - 0.5, side) for w in (u, v))
+        (left, right, fx), (top, bottom, fy) = (_between(w * side - 0.5, side) for w in (u, v))
         if u.shape[0] == 1 and v.shape[1] == 1:
-            rows = tile[top[:, 0]] * (1 - fy) + tile[low[:, 0]] * fy
+            rows = tile[top[:, 0]] * (1 - fy) + tile[bottom[:, 0]] * fy
             return np.asarray(rows[:, left[0]] * (1 - fx) + rows[:, right[0]] * fx, np.float32)
         upper = tile[top, left] * (1 - fx) + tile[top, right] * fx
-        lower = tile[low, left] * (1 - fx) + tile[low, right] * fx
+        lower = tile[bottom, left] * (1 - fx) + tile[bottom, right] * fx
         return np.asarray(upper * (1 - fy) + lower * fy, np.float32)
 
 
@@ -285,17 +285,17 @@ def _from_file(object_id: str, path: str) -> _Cutout:
 
 def _cut(luminance: Picture, opacity: Picture) -> _Cutout:
     """Cut a picture to the rectangle around the part that is at least half opaque."""
-    both = np.stack([luminance * opacity, opacity], axis=-1)[bounds(opacity >= 0.5)]
-    longer = max(both.shape[:2])
+    layers = np.stack([luminance * opacity, opacity], axis=-1)[bounds(opacity >= 0.5)]
+    longer = max(layers.shape[:2])
     scale = _SMALLEST / longer if longer < _SMALLEST else min(1.0, _LARGEST / longer)
-    height, width = both.shape[0] / longer, both.shape[1] / longer
+    height, width = layers.shape[0] / longer, layers.shape[1] / longer
     if scale != 1:
-        size = tuple(max(1, round(side * scale)) for side in (both.shape[1], both.shape[0]))
-        way = cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA
-        both = cv2.resize(both, size, interpolation=way)
-    both = np.ascontiguousarray(both, np.float32)
-    mean = float(both[..., 0].sum(dtype=np.float64) / both[..., 1].sum(dtype=np.float64))
-    return _Cutout(Texture(both, repeats=False), width, height, mean)
+        size = tuple(max(1, round(side * scale)) for side in (layers.shape[1], layers.shape[0]))
+        method = cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA
+        layers = cv2.resize(layers, size, interpolation=method)
+    layers = np.ascontiguousarray(layers, np.float32)
+    mean = float(layers[..., 0].sum(dtype=np.float64) / layers[..., 1].sum(dtype=np.float64))
+    return _Cutout(Texture(layers, repeats=False), width, height, mean)
 
 
 # ---- Drawings: luminance and opacity, _SIDE texels along the longer side --------------------
@@ -396,5 +396,5 @@ def shadow_of() -> Texture:
     """Return the opacity of a soft round shadow: (h, w, 2), black."""
     x, y = _grid(1)
     share = np.clip(1.3 * (1 - np.hypot(x, y)), 0, 1) ** 0.7
-    both = np.stack([np.zeros_like(share), share], axis=-1)
-    return Texture(np.asarray(both, np.float32), repeats=False)
+    layers = np.stack([np.zeros_like(share), share], axis=-1)
+    return Texture(np.asarray(layers, np.float32), repeats=False)

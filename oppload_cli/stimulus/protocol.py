@@ -146,7 +146,7 @@ def json_schema() -> dict[str, Any]:
         "$schema": _DIALECT,
         "title": "oppload stimulus protocol",
         **schema,
-        "$defs": {"nested": {k: v for k, v in values.items() if k != "description"}},
+        "$defs": {"nested": {key: value for key, value in values.items() if key != "description"}},
     }
 
 
@@ -302,17 +302,17 @@ def _greatest_step(protocol: Protocol, obj: Object) -> float:
         right, up = (b - a for a, b in zip(before.centre_deg, after.centre_deg, strict=True))
         for turn in turns:
             axis = math.radians(after.orientation_deg + turn)
-            way = abs(right * math.cos(axis) + up * math.sin(axis))
-            longest = max(longest, way / after.zoom / (obj.period_deg or 1.0))
+            distance = abs(right * math.cos(axis) + up * math.sin(axis))
+            longest = max(longest, distance / after.zoom / (obj.period_deg or 1.0))
     return longest
 
 
 def _table_schema(table: type[Table], kind: str | None = None) -> dict[str, Any]:
-    taken = [each for each in table.declared() if not each.kinds or kind in (None, *each.kinds)]
-    properties = {each.name: _key_schema(each) for each in taken}
+    keys = [each for each in table.declared() if not each.kinds or kind in (None, *each.kinds)]
+    properties = {each.name: _key_schema(each) for each in keys}
     if kind is not None:
         properties["kind"] = {"const": kind}
-    required = [each.name for each in taken if each.default is REQUIRED or kind in each.needed_by]
+    required = [each.name for each in keys if each.default is REQUIRED or kind in each.needed_by]
     return {
         "type": "object",
         "properties": properties,

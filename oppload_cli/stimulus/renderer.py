@@ -121,10 +121,10 @@ class Renderer:
                 "the flow is known for drawn surroundings only; set scene.background to one of them"
             )
         times = [self.protocol.time_of(index) for index in (frame, frame + 1)]
-        (place, view), (next_place, later) = map(self._background.seen_at, times)
-        if next_place is not place:
+        (surroundings, view), (next_surroundings, later) = map(self._background.seen_at, times)
+        if next_surroundings is not surroundings:
             return np.full((*view.projection.shape, 2), np.nan)
-        return place.flow(view, later)
+        return surroundings.flow(view, later)
 
     def luminance(self, frame: int) -> NDArray[np.float32]:
         """Return the luminance of a frame (0-based) before it is rounded to 8 bits.

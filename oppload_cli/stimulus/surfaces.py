@@ -133,8 +133,8 @@ class Surface:
         The part is empty if the camera lies in the plane of the surface, or if the surface lies
         behind the camera.
         """
-        away = np.subtract(self.origin, view.place) @ np.cross(self.right, self.up)
-        if abs(away) < _NEAREST_M:
+        distance = np.subtract(self.origin, view.place) @ np.cross(self.right, self.up)
+        if abs(distance) < _NEAREST_M:
             return Window(0, 0, 0, 0)
         height, width = view.projection.shape
         if self.extent is None:
@@ -215,7 +215,7 @@ class Surface:
         dv = -np.where(longer, vx, vy).astype(np.float32)
         texels = np.maximum(short, long / _TAPS).astype(np.float32)
         shifts = (np.arange(_TAPS, dtype=np.float32) + 0.5) / _TAPS - 0.5
-        taps = [self.texture.at(column + s * du, row + s * dv, texels) for s in shifts]
+        taps = [self.texture.at(column + shift * du, row + shift * dv, texels) for shift in shifts]
         return np.asarray(sum(taps[1:], taps[0]) / np.float32(_TAPS), np.float32)
 
     def to_px(self, view: View, u: Floats, v: Floats) -> tuple[Floats, Floats]:

@@ -293,12 +293,12 @@ def key_of(
         hint = _full_keys(word, table) or suggestion(word, words)
         hint += "" if "did you mean" in hint else ", or a key such as ID.size_deg"
         raise ParameterError(f"{option} {word}: no parameter '{word}'{hint}")
-    found = _meant(word, table, sweep)
-    if len(found) == 1:
-        return found[0]
-    if found:
+    keys = _meant(word, table, sweep)
+    if len(keys) == 1:
+        return keys[0]
+    if keys:
         raise ParameterError(
-            f"{option} {word}: in {name} that is {' or '.join(found)}; write a key in full"
+            f"{option} {word}: in {name} that is {' or '.join(keys)}; write a key in full"
         )
     names = dict.fromkeys(key.rpartition(".")[2] for key in WORDS[word])
     known = [each for each in WORDS if len(_meant(each, table, sweep)) == 1]
