@@ -97,15 +97,15 @@ def present(
     records = list(analyse(video, params, places=None, repeats=repeats, rmo=None, time=time))
     frame = np.array([record.frame for record in records], float)
     time_s = np.array([record.time_s for record in records])
-    found = {}
+    by_detector = {}
     for detector in settings.models:
         responses = [record.responses.get(detector) for record in records]
         boxes = np.array([(each and each.box) or [None] * 4 for each in responses], float)
         response = np.array([each and each.response for each in responses], float)
         signal = low_passed(response, time_s, indicator_s)
         response = np.where(np.isnan(response), np.nan, signal)
-        found[detector] = Responses(frame, time_s, response, boxes)
-    return found
+        by_detector[detector] = Responses(frame, time_s, response, boxes)
+    return by_detector
 
 
 def seen_in(video: StimulusVideo, settings: Settings) -> Settings:
@@ -127,13 +127,13 @@ def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
     constant_s : float
         Time constant in s; 0 for none.
     """
-    known = np.nan_to_num(values)
+    filled = np.nan_to_num(values)
     if not constant_s:
-        return known
-    signal = np.zeros_like(known)
-    for index in range(1, len(known)):
+        return filled
+    signal = np.zeros_like(filled)
+    for index in range(1, len(filled)):
         share = 1 - math.exp(-(time_s[index] - time_s[index - 1]) / constant_s)
-        signal[index] = signal[index - 1] + share * (known[index] - signal[index - 1])
+        signal[index] = signal[index - 1] + share * (filled[index] - signal[index - 1])
     return signal
 
 
