@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 Value = TypeVar("Value")
 _HDR: dict[int, str] = {ColorTrc.SMPTE2084: "PQ", ColorTrc.ARIB_STD_B67: "HLG"}
-_LIVE = "mpjpeg"  # images that a network camera sends one by one over HTTP, without times
+_LIVE_FORMAT = "mpjpeg"  # images that a network camera sends one by one over HTTP, without times
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 _MOST_DEMUX_ERRORS = 100  # most errors without a packet between them
 # These decoders conceal damage without an error: VP8 with frame threads, because it predicts
@@ -400,7 +400,7 @@ class ContainerSource(PictureSource):
     def _decoded(self) -> Iterator[Decoded]:
         self._errors = av.logging.get_last_error()[0]
         joinable = self._container.format.name == "mpegts" and not self._remote
-        for packet, damaged in _judged(self._packets(), joinable=joinable):
+        for packet, damaged in _with_damage(self._packets(), joinable=joinable):
             if damaged:
                 self.decode.failed("a packet is cut or damaged")
             if self._careful:  # leave out the errors that the demuxer has logged
@@ -515,7 +515,7 @@ class ContainerSource(PictureSource):
     @property
     def _is_live(self) -> bool:
         """Whether the time of a frame is that of its arrival, as there is no other."""
-        return self._remote and self._container.format.name == _LIVE
+        return self._remote and self._container.format.name == _LIVE_FORMAT
 
     def _clock(self, frame: VideoFrame) -> int | None:
         """Return the time of a frame in ticks of the file; None if it has no time."""
@@ -550,7 +550,7 @@ class ContainerSource(PictureSource):
         )
 
 
-def _judged(
+def _with_damage(
     packets: Iterator[Packet[Any] | None], *, joinable: bool
 ) -> Iterator[tuple[Packet[Any] | None, bool]]:
     """Yield packets, and whether a mark of FFmpeg on this or an earlier packet means damage.

@@ -81,8 +81,8 @@ class ImageSource(PictureSource):
     def pictures(self) -> Iterator[Picture]:
         """Yield the images that can be read; count each other image as a failure."""
         size = (self.facts.height, self.facts.width)
-        if doubt := _several_series(self._paths) or _gap(self._paths):
-            self.decode.note(doubt)
+        if remark := _several_series(self._paths) or _gap(self._paths):
+            self.decode.note(remark)
         for index, path in enumerate(self._paths):
             if self.stopping:
                 return
@@ -196,7 +196,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         if not stat.S_ISREG(status.st_mode):
             raise SourceError("not a regular file")
         _check_bytes(path, status.st_size, most_pixels)
-        with _pillow_alone(), Image.open(path, formats=_FORMATS) as image:
+        with _without_pillow_limits(), Image.open(path, formats=_FORMATS) as image:
             check_pixels(path.name, *image.size)
             _check_bytes(path, status.st_size, image.width * image.height)
             yield image
@@ -217,7 +217,7 @@ def _check_bytes(path: Path, size: int, pixels: int) -> None:
 
 
 @contextmanager
-def _pillow_alone() -> Iterator[None]:
+def _without_pillow_limits() -> Iterator[None]:
     """Switch off Pillow's warnings and its limit of pixels, which may be below oppload's limit."""
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:

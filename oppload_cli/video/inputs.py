@@ -55,7 +55,7 @@ _SHOWN = 3  # most names in a sentence
 HIGHEST_RATE = 100_000  # frames/s
 
 
-class _Found(NamedTuple):
+class _FoundInput(NamedTuple):
     """A single input, or the reason why a name is no input."""
 
     name: str
@@ -65,7 +65,7 @@ class _Found(NamedTuple):
     folder: str = ""
 
 
-def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
+def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_FoundInput]:
     """Yield the single inputs that a name means.
 
     The name is a file, a folder, a pattern of the shell (``clips/*.mp4``, with ``**`` for folders
@@ -88,13 +88,13 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
         else:
             try:
                 folder = _below_fixed_part(name, match)
-                yield from (_Found(each, folder=folder) for each in _single_inputs(match))
+                yield from (_FoundInput(each, folder=folder) for each in _single_inputs(match))
             except SourceError as error:
-                yield _Found(match, error)
+                yield _FoundInput(match, error)
 
 
-def _no_input(name: str, reason: str) -> _Found:
-    return _Found(name, SourceError(f"{name or repr(name)}: {reason}"))
+def _no_input(name: str, reason: str) -> _FoundInput:
+    return _FoundInput(name, SourceError(f"{name or repr(name)}: {reason}"))
 
 
 def _is_pipe_or_device(name: str) -> bool:
@@ -110,12 +110,12 @@ def _matches(name: str) -> list[str]:
 def _below_fixed_part(pattern: str, match: str) -> str:
     """Return the way from the pattern's part before its first wildcard to the match's folder."""
     parts = Path(pattern).parts
-    fixed = next((at for at, part in enumerate(parts) if glob.has_magic(part)), len(parts) - 1)
+    fixed = next((i for i, part in enumerate(parts) if glob.has_magic(part)), len(parts) - 1)
     folders = Path(match).parts[fixed:-1]
     return "" if pattern == match or ".." in folders else str(Path(*folders))
 
 
-def _searched(root: str) -> Iterator[_Found]:
+def _searched(root: str) -> Iterator[_FoundInput]:
     errors: list[OSError] = []
     empty = True
     for folder, names, images in _walked(root, errors.append):
@@ -123,14 +123,14 @@ def _searched(root: str) -> Iterator[_Found]:
         # Without pipes, for which the batch would wait; the run of a broken link fails.
         videos = [each for each in paths if not _is_pipe_or_device(each)]
         if videos:
-            place = os.path.relpath(folder, root)
-            yield from (_Found(each, folder=place) for each in videos)
+            subfolder = os.path.relpath(folder, root)
+            yield from (_FoundInput(each, folder=subfolder) for each in videos)
         elif images:
-            above = "" if folder == root else os.path.relpath(os.path.dirname(folder), root)  # noqa: PTH120
-            yield _Found(folder, folder=above)
+            parent = "" if folder == root else os.path.relpath(os.path.dirname(folder), root)  # noqa: PTH120
+            yield _FoundInput(folder, folder=parent)
         empty = empty and not videos and not images
     for error in errors:
-        yield _Found(str(error.filename), cannot_read(error.filename, error))
+        yield _FoundInput(str(error.filename), cannot_read(error.filename, error))
     if empty and not errors:
         reason = "no video and no numbered images in this folder or below; check the path"
         yield _no_input(root, reason)
@@ -287,7 +287,7 @@ def image_paths(name: str) -> list[Path]:
 def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Return a key that sorts ``f2`` before ``f10``."""
     parts = re.split(r"([0-9]+)", path.name)  # text, number, text, ...
-    order = [(int(part), "") if place % 2 else (-1, part) for place, part in enumerate(parts)]
+    order = [(int(part), "") if index % 2 else (-1, part) for index, part in enumerate(parts)]
     return order, path.name
 
 

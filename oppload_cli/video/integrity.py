@@ -81,22 +81,22 @@ def _matroska(reading: _Reading) -> str | None:
         head = reading.at(position, 12)
         if not head[0]:  # no identifier begins with 0; a file may end with zeros
             return BROKEN if any(reading.at(position, _PIECE)) else None
-        name_length = 9 - head[0].bit_length()
-        if name_length > 4 or len(head) < name_length + 1 or not head[name_length]:
+        id_length = 9 - head[0].bit_length()
+        if id_length > 4 or len(head) < id_length + 1 or not head[id_length]:
             return CUT if len(head) < 12 else BROKEN
-        length = 9 - head[name_length].bit_length()
-        field = head[name_length : name_length + length]
+        length = 9 - head[id_length].bit_length()
+        field = head[id_length : id_length + length]
         unknown = (1 << 7 * length) - 1  # this number means that the length is unknown
-        content = int.from_bytes(field) & unknown
-        name = int.from_bytes(head[:name_length])
-        position += name_length + length
-        if content != unknown and position + content > reading.size:
+        content_length = int.from_bytes(field) & unknown
+        identifier = int.from_bytes(head[:id_length])
+        position += id_length + length
+        if content_length != unknown and position + content_length > reading.size:
             return CUT
-        if name == _SEGMENT or content == unknown:
+        if identifier == _SEGMENT or content_length == unknown:
             continue
-        if name != _EBML and _wrong_checksum(reading, position, content):
+        if identifier != _EBML and _wrong_checksum(reading, position, content_length):
             return WRONG
-        position += content
+        position += content_length
     return CUT if position > reading.size else None
 
 
@@ -104,11 +104,11 @@ def _wrong_checksum(reading: _Reading, position: int, length: int) -> bool:
     if length < 6 or reading.at(position, 2) != _CHECKSUM:
         return False
     declared = int.from_bytes(reading.file.read(4), "little")
-    found, rest = 0, length - 6
+    checksum, rest = 0, length - 6
     while rest > 0 and (piece := reading.file.read(min(_PIECE, rest))):
-        found = zlib.crc32(piece, found)
+        checksum = zlib.crc32(piece, checksum)
         rest -= len(piece)
-    return declared != found
+    return declared != checksum
 
 
 def _boxes(reading: _Reading) -> str | None:
@@ -182,14 +182,14 @@ def _flv(reading: _Reading) -> str | None:
 
 
 def _mjpeg(reading: _Reading) -> str | None:
-    return None if _end(reading).rstrip(b"\0\r\n").endswith(b"\xff\xd9") else CUT
+    return None if _last_bytes(reading).rstrip(b"\0\r\n").endswith(b"\xff\xd9") else CUT
 
 
 def _apng(reading: _Reading) -> str | None:
-    return None if b"IEND\xaeB`\x82" in _end(reading) else CUT
+    return None if b"IEND\xaeB`\x82" in _last_bytes(reading) else CUT
 
 
-def _end(reading: _Reading) -> bytes:
+def _last_bytes(reading: _Reading) -> bytes:
     return reading.at(max(0, reading.size - 64), 64)
 
 
@@ -237,8 +237,8 @@ _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 def _ogg_checksum(page: bytes) -> bytes:
     """Return the checksum of a page: that of zlib with the bits of each byte in reverse order."""
-    found = zlib.crc32(page.translate(_REVERSED), 0xFFFFFFFF) ^ 0xFFFFFFFF
-    return found.to_bytes(4).translate(_REVERSED)
+    checksum = zlib.crc32(page.translate(_REVERSED), 0xFFFFFFFF) ^ 0xFFFFFFFF
+    return checksum.to_bytes(4).translate(_REVERSED)
 
 
 _DELIMITER = 2  # type of the unit (OBU) before each picture
@@ -279,10 +279,10 @@ _ASF_PROPERTIES = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 def _asf(reading: _Reading) -> str | None:
     """Compare the size of the file with the size in its head; a broadcast states 0."""
     head = reading.at(0, _PIECE)
-    place = head.find(_ASF_PROPERTIES)
-    if place < 0:
+    position = head.find(_ASF_PROPERTIES)
+    if position < 0:
         return None
-    (declared,) = struct.unpack_from("<Q", head, place + 40)
+    (declared,) = struct.unpack_from("<Q", head, position + 40)
     return CUT if declared > reading.size else None
 
 

@@ -140,17 +140,17 @@ class _DecodingProcess(PictureSource):
         self._name, self._height = name, height
         self._lock = threading.Lock()
         context = multiprocessing.get_context("fork")
-        with ExitStack() as undone:
+        with ExitStack() as on_failure:
             self._memory = os.memfd_create("oppload-pictures")
-            undone.callback(os.close, self._memory)
+            on_failure.callback(os.close, self._memory)
             self._connection, theirs = context.Pipe()
-            undone.callback(self._connection.close)
+            on_failure.callback(self._connection.close)
             # This process closes `theirs`, so that the pipe closes when the decoding process ends.
             with theirs:
                 arguments = (theirs, self._connection, self._memory, (name, height, span))
                 self._process = context.Process(target=_decode, args=arguments, daemon=True)
                 self._process.start()
-            undone.pop_all()
+            on_failure.pop_all()
 
     def opened(self) -> _DecodingProcess:
         """Wait until the file is open, set `facts` and `decode`, and return this source.
@@ -162,10 +162,10 @@ class _DecodingProcess(PictureSource):
                 stop_if_asked()
             self.facts, self.decode = self._received()
         except EOFError:
-            how = self._ending()
+            cause = self._ending()
             self.close()
             raise SourceError(
-                f"{self._name}: its decoder was ended ({how}) before the first frame; "
+                f"{self._name}: its decoder was ended ({cause}) before the first frame; "
                 f"check the memory, or convert the file"
             ) from None
         except BaseException:
@@ -194,15 +194,15 @@ class _DecodingProcess(PictureSource):
                     self._free_slots()
             self.decode = message
         except EOFError:
-            how = self._ending()
+            cause = self._ending()
             stop_if_asked()  # SIGTERM may have gone to all processes of a group
-            if how not in _CRASHES:
+            if cause not in _CRASHES:
                 raise SourceError(
-                    f"{self._name}: its decoder was ended ({how}) after frame {index}; "
+                    f"{self._name}: its decoder was ended ({cause}) after frame {index}; "
                     f"check the memory, and run it again"
                 ) from None
             self.decode = replace(self.decode, decoded=index + 1)
-            self.decode.failed(f"the decoder crashed ({how}) after frame {index}")
+            self.decode.failed(f"the decoder crashed ({cause}) after frame {index}")
 
     def close(self) -> None:
         """End the process and free the memory; may be called twice."""
@@ -293,9 +293,9 @@ def _decode(
             in_use += 1
         theirs.send(source.decode)
     except BaseException as error:
-        story = "".join(traceback.format_exception(error))
+        trace = "".join(traceback.format_exception(error))
         if not isinstance(error, OpploadError):  # some other errors cannot be pickled
             error = RuntimeError(f"{type(error).__name__}: {error}")
-        error.add_note(story)
+        error.add_note(trace)
         with suppress(OSError):  # the process of the detectors has ended
             theirs.send(error)

@@ -81,11 +81,11 @@ class Optics:
             return math.degrees(right), math.degrees(up)
         return math.degrees(math.atan(right)), math.degrees(math.atan(up / math.hypot(1, right)))
 
-    def between(self, one: tuple[float, float], other: tuple[float, float]) -> float:
+    def between(self, start: tuple[float, float], end: tuple[float, float]) -> float:
         """Return the angle in degrees between two points in source pixels."""
         if self.projection == _FLAT:
-            return math.degrees(math.dist(one, other) / self.per_radian)
-        a, b = ((x - self.width / 2, y - self.height / 2, self.per_radian) for x, y in (one, other))
+            return math.degrees(math.dist(start, end) / self.per_radian)
+        a, b = ((x - self.width / 2, y - self.height / 2, self.per_radian) for x, y in (start, end))
         across = math.hypot(
             a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
         )

@@ -105,7 +105,7 @@ class Colour:
         original, facts = picture.original, self._facts
         if isinstance(original, av.VideoFrame) and not (facts.mirrored or facts.rotation):
             with suppress(av.error.FFmpegError, ValueError):
-                space = self._assumed(original)
+                space = self._assumed_space(original)
                 return _as_yuv420p(original, self._converter, self._coded, space)
         return _as_yuv420p(av.VideoFrame.from_ndarray(self(picture), "bgr24"), self._converter)
 
@@ -115,7 +115,7 @@ class Colour:
             return resized(original, self._coded)
         if original is not None and not original.format.name.startswith("gray"):
             with suppress(av.error.FFmpegError, ValueError):
-                space = self._assumed(original)
+                space = self._assumed_space(original)
                 frame = convertible(original)
                 converted = self._converter.reformat(
                     frame, *self._coded, "bgr24", space, interpolation=_EXACT_SCALING, threads=1
@@ -125,7 +125,7 @@ class Colour:
         grey = np.asarray(cv2.cvtColor(table[picture.plane], cv2.COLOR_GRAY2BGR))
         return resized(grey, self._coded)
 
-    def _assumed(self, frame: av.VideoFrame) -> int | None:
+    def _assumed_space(self, frame: av.VideoFrame) -> int | None:
         """Return the colour space to assume for a frame; None: use the one that it states."""
         large = min(frame.width, frame.height) > _STANDARD_LINES
         return Colorspace.ITU709 if large and frame.colorspace == _UNSPECIFIED else None
@@ -315,10 +315,10 @@ class Recording(_Encoder):
         """Write the next frame; return its presentation time in the file, in seconds.
 
         `picture` has blue, green and red, uint8 of shape (height, width, 3), or is the frame of
-        :meth:`Colour.planes`. The first frame's time becomes 0. A frame
-        whose time is not later than that of the frame before follows one tick after the frame
-        before. If the clock jumps (back by a second, or on by a quarter of an hour), the frame
-        follows one frame duration after the frame before.
+        :meth:`Colour.planes`. The first frame's time becomes 0. A frame whose time is not later
+        than that of the frame before follows one tick after the frame before. If the clock jumps
+        (back by a second, or on by a quarter of an hour), the frame follows one frame duration
+        after the frame before.
         """
         frame = picture
         if not isinstance(frame, av.VideoFrame):
@@ -367,12 +367,7 @@ _LIMITED = np.rint(16 + np.arange(256) * (219 / 255)).astype(np.uint8)
 
 @contextmanager
 def open_writer(
-    path: Path,
-    form: str,
-    shape: tuple[int, int, int],
-    frame_rate: Fraction,
-    *,
-    new: bool,
+    path: Path, form: str, shape: tuple[int, int, int], frame_rate: Fraction, *, new: bool
 ) -> Iterator[Callable[[Grey], object]]:
     """Write a grey video: it gets its name after the last frame; after an error it is removed.
 
