@@ -82,9 +82,9 @@ def tune(
     ParameterError
         If the working size is too large.
     OutputError
-        If a process is ended from outside, for instance for want of memory.
+        If the system ends one of the processes, for example because memory runs out.
     """
-    shown = results(
+    by_stimulus = results(
         partial(_measured, sweep.settings, sweep.presentations, indicator_s),
         sweep.entry.protocols(),
         jobs,
@@ -92,8 +92,8 @@ def tune(
         progress=lambda _: progress() if progress else None,
     )
     conditions = []
-    for (stimulus, swept), measured in zip(sweep.entry.values().items(), shown, strict=True):
-        for number, measures in enumerate(measured, 1):
+    for (stimulus, swept), presented in zip(sweep.entry.values().items(), by_stimulus, strict=True):
+        for number, measures in enumerate(presented, 1):
             name, values = stimulus, swept
             if sweep.presentations > 1:
                 name = f"{stimulus}/{_PRESENTATION}-{number}"
@@ -107,13 +107,13 @@ def _measured(
 ) -> list[dict[str, Measures]]:
     """Return the measures of each presentation of a stimulus, by detector."""
     with faults_at(protocol.name):
-        shown = present(protocol, settings, presentations, indicator_s)
+        responses = present(protocol, settings, presentations, indicator_s)
     parts = {
-        detector: [each] if presentations == 1 else each.presentations(protocol)
-        for detector, each in shown.items()
+        detector: [response] if presentations == 1 else response.presentations(protocol)
+        for detector, response in responses.items()
     }
     return [
-        {detector: measure(each[number], protocol) for detector, each in parts.items()}
+        {detector: measure(part[number], protocol) for detector, part in parts.items()}
         for number in range(presentations)
     ]
 
@@ -127,11 +127,10 @@ def _is_symmetric(entry: Entry) -> bool:
     direction = direction_of(list(entry.sweep))
     if direction is None:
         return False
-    first = next(iter(entry.sweep[direction]))
-    protocols = [
-        entry.with_settings({direction: angle}).protocols()[0] for angle in (first, first + 180)
-    ]
-    one, turned = map(Renderer, protocols)
+    angle = next(iter(entry.sweep[direction]))
+    settings = ({direction: angle}, {direction: angle + 180})
+    protocols = [entry.with_settings(each).protocols()[0] for each in settings]
+    original, turned = map(Renderer, protocols)
     protocol = protocols[0]
     timing, rate = protocol.timing, float(protocol.display.frame_rate)
     spans = {(timing.before_s, timing.end_s)}
@@ -140,8 +139,8 @@ def _is_symmetric(entry: Entry) -> bool:
     frames = {min(round(time * rate), protocol.frame_count - 1) for time in times}
     # Rounding may change a pixel on an edge by a grey level.
     return all(
-        int(np.abs(one.grey(at).astype(int) - turned.grey(at).astype(int)).max()) <= 2
-        for at in frames
+        int(np.abs(original.grey(frame).astype(int) - turned.grey(frame).astype(int)).max()) <= 2
+        for frame in frames
     )
 
 
@@ -353,10 +352,10 @@ def _within_warm_up(
             continue
         missed = []
         for condition, protocol in zip(conditions, protocols, strict=True):
-            found, start_s = condition.measures[name], _pause(protocol)[0]
-            late = found.peak_time_s is None or (
-                found.onset_frame == found.peak_frame
-                and _ONSET_S <= found.peak_time_s - start_s < first_s + 1 / 30
+            measures, start_s = condition.measures[name], _pause(protocol)[0]
+            late = measures.peak_time_s is None or (
+                measures.onset_frame == measures.peak_frame
+                and _ONSET_S <= measures.peak_time_s - start_s < first_s + 1 / 30
             )
             missed.append(late and 0 < _motion_end(protocol) - start_s < 2 * first_s)
         yield from _about_peaks(
@@ -373,7 +372,7 @@ def _motion_end(protocol: Protocol) -> float:
     """Return when the last object stops, in seconds of the clip; 0 if none moves."""
     step_s = 1 / float(protocol.display.frame_rate)
     truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))
-    moving = [each.time_s for each in truths if any(one.edge_speed_deg_s for one in each.objects)]
+    moving = [each.time_s for each in truths if any(obj.edge_speed_deg_s for obj in each.objects)]
     return moving[-1] + step_s if moving else 0.0
 
 

@@ -231,12 +231,12 @@ def _figure_sweep(
 
 def _entry_named(name: str) -> Entry:
     """Return the one stimulus with a name in the catalogue, or of a TOML file."""
-    found = find(name)
-    if len(found) > 1:
+    entries = find(name)
+    if len(entries) > 1:
         raise StimulusError(
-            f"'{name}' stands for {len(found)} stimuli; name one, such as '{found[0].name}'"
+            f"'{name}' stands for {len(entries)} stimuli; name one, such as '{entries[0].name}'"
         )
-    return found[0]
+    return entries[0]
 
 
 def _swept(entry: Entry, over: Sequence[str]) -> Entry:
@@ -289,8 +289,8 @@ def _values_of(values: str) -> list[Any]:
         if values.count(":") == 2:
             listed = _range(*(float(end) for end in values.split(":")))
         else:
-            stated = values if values.strip().startswith("[") else f"[{values}]"
-            listed = tomllib.loads(f"values = {stated}")["values"]
+            array = values if values.strip().startswith("[") else f"[{values}]"
+            listed = tomllib.loads(f"values = {array}")["values"]
     except ParameterError:  # also a ValueError, but with a better message
         raise
     except ValueError:
@@ -300,9 +300,9 @@ def _values_of(values: str) -> list[Any]:
             "its values cannot be read; write 10,20,40 or 0:330:30 (from, to, step) or "
             '[[0,0],[10,0]], and texts in quotes, ["forward","both"]'
         )
-    twice = next((value for value in listed if listed.count(value) > 1), None)
-    if twice is not None:
-        raise ParameterError(f"{twice} is there twice; leave one out")
+    repeated = next((value for value in listed if listed.count(value) > 1), None)
+    if repeated is not None:
+        raise ParameterError(f"{repeated} is there twice; leave one out")
     return listed
 
 
