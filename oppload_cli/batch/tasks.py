@@ -67,12 +67,7 @@ class _Observer(Protocol):
 
 
 def run_tasks(
-    tasks: Iterable[Task],
-    observer: _Observer,
-    *,
-    inputs: int,
-    jobs: int,
-    scheduler: str | None,
+    tasks: Iterable[Task], observer: _Observer, *, inputs: int, jobs: int, scheduler: str | None
 ) -> None:
     """Run the tasks of a batch.
 

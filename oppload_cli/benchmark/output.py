@@ -109,9 +109,8 @@ class Benchmark:
             (each.column.table, each.column.label) == (table.name, label) for each in self.shown
         ]
         peaks, alarmed = self._peaks[name][part], self._alarmed[name][part]
-        return _TableCell(
-            self.over_loom(name, float(peaks.max())), int(alarmed.sum()), len(alarmed)
-        )
+        over_loom = self.over_loom(name, float(peaks.max()))
+        return _TableCell(over_loom, int(alarmed.sum()), len(alarmed))
 
     def summary(self, name: str) -> _Summary:
         """Return the results of one detector over all stimuli; each stimulus counts once."""

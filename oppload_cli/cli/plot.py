@@ -358,8 +358,7 @@ def _manifest_of(path: Path | None) -> Manifest | None:
 def _clip_of(result: BaseResult, manifest: Manifest) -> Label | None:
     """Return the label of a result's clip; None if the manifest has no clip of this name.
 
-    If several clips have this name, the path in the sidecar decides. Raises ResultError if it is
-    the path of none of them.
+    If several have this name, the path in the sidecar decides; raises ResultError if none has it.
     """
     clips = [clip for clip in manifest.entries if clip.path.name == result.title]
     if len(clips) > 1:

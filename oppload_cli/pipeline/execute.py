@@ -339,13 +339,10 @@ class _Run:
             yield f"{facts.frame_rate} frames/s are assumed, as {reason}"
         elif self._task.image_rate and facts.kind != "images":
             yield "has times or a rate of its own: --image-rate has no effect on it"
-        elif facts.kind == "images" and (stated := rate_beside(name)) not in {
-            None,
-            facts.frame_rate,
-        }:
+        elif facts.kind == "images" and (rate := rate_beside(name)) not in {None, facts.frame_rate}:
             yield (
                 f"the rate given is {facts.frame_rate} frames/s, but that of the ground truth "
-                f"{stated}; the given one is used, so that the times of the ground truth do not fit"
+                f"{rate}; the given one is used, so that the times of the ground truth do not fit"
             )
 
     def _remarks(self) -> tuple[str, ...]:

@@ -343,15 +343,13 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
     taken: list[_Place] = []  # the places of labels
     lines = _curves_of(axes[0])
     for label, times in marks.items():
-        known_times = {
-            curve: time - curve.zero_s for curve, time in times.items() if time is not None
-        }
-        same_time = len({round(time, 6) for time in known_times.values()}) == 1
-        for curve, time in known_times.items():
+        aligned = {curve: time - curve.zero_s for curve, time in times.items() if time is not None}
+        same_time = len({round(time, 6) for time in aligned.values()}) == 1
+        for curve, time in aligned.items():
             draw_line(time, style.INK if same_time else curve.colour)
-        if not known_times or (label == "contact" and options.align):  # the axis label says it
+        if not aligned or (label == "contact" and options.align):  # the axis label says it
             continue
-        time = next(iter(known_times.values()))
+        time = next(iter(aligned.values()))
         text = f"{label}s" if label == "contact" and other_contacts else label
         if not first <= time <= last:
             text = f"{label} at {style.short_number(time)} s"

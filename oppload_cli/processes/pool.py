@@ -240,10 +240,8 @@ def _serve(connection: Connection, function: Callable[[Any, Tell], object], thre
         while not signals.received():
             item = connection.recv()
             try:
-                event = (
-                    Kind.DONE,
-                    function(item, lambda data: connection.send((Kind.MESSAGE, data))),
-                )
+                result = function(item, lambda data: connection.send((Kind.MESSAGE, data)))
+                event = Kind.DONE, result
             except Exception as error:  # the main process raises it
                 error.add_note("".join(traceback.format_exception(error)))
                 event = Kind.RAISED, error

@@ -86,11 +86,10 @@ class _Tunings:
         """Return a finding from the bars of some widths; a number is NaN without a response."""
         if any(map(math.isnan, numbers.values())):
             return Finding(NO_RESPONSE, verdict, numbers)
+        shown = {width: self.bars[width].values() for width in widths}
         faint = (
-            faint_note(
-                "opplod", self.bars[each].values(), self.settings, f"to the {each} degree bar"
-            )
-            for each in widths
+            faint_note("opplod", responses, self.settings, f"to the {width} degree bar")
+            for width, responses in shown.items()
         )
         return Finding(text, verdict, numbers, " ".join(filter(None, faint)))
 

@@ -252,9 +252,8 @@ def _shown(preset: str) -> Inward:
     for label, name in _STIMULI.items():
         key = "bar.axis_deg" if label == _OUTWARD else "scene.rotation_deg"
         members = presented(name, settings, {key: _ANGLES})
-        shown[label] = dict(
-            zip(_ANGLES, (each["opplod"] for each in members.values()), strict=True)
-        )
+        responses = (each["opplod"] for each in members.values())
+        shown[label] = dict(zip(_ANGLES, responses, strict=True))
     return shown
 
 

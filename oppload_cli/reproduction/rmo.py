@@ -183,9 +183,8 @@ def _draw_construction(axes: Axes) -> None:
     for point, name, up in named:
         axes.plot(*point, "o", color=INK, markersize=2.5)
         axes.annotate(name, _xy(point), (0, up), textcoords="offset points")
-    axes.annotate(
-        "$l_e$", _xy(steps.middle + 4.0 * steps.line), (-2, 6), textcoords="offset points"
-    )
+    line_end = _xy(steps.middle + 4.0 * steps.line)
+    axes.annotate("$l_e$", line_end, (-2, 6), textcoords="offset points")
     axes.set_title(f"construction: RMO = {steps.ratio:.2f}")
     axes.set(aspect="equal", xticks=[], yticks=[])
     axes.invert_yaxis()

@@ -65,9 +65,8 @@ def contact_sheet(
     columns = min(columns, len(pictures))
     rows = math.ceil(len(pictures) / columns)
     row_step, column_step = height + _GUTTER + _CAPTION * bool(times_s), width + _GUTTER
-    sheet = np.full(
-        (rows * row_step + _GUTTER, columns * column_step + _GUTTER), 255, dtype=np.uint8
-    )
+    shape = (rows * row_step + _GUTTER, columns * column_step + _GUTTER)
+    sheet = np.full(shape, 255, dtype=np.uint8)
     for index, picture in enumerate(pictures):
         small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
         top = _GUTTER + index // columns * row_step
@@ -319,9 +318,8 @@ def write_all(
     write_one = partial(_written, directory=directory, form=form, preview=preview, new=new)
     # To start a process takes as long as to write one or two stimuli.
     jobs = max(1, min(len(protocols) // 2, jobs or cores()))
-    with closing(
-        outcomes(write_one, protocols, jobs, named=attrgetter("name"), on_message=progress)
-    ) as coming:
+    run = outcomes(write_one, protocols, jobs, named=attrgetter("name"), on_message=progress)
+    with closing(run) as coming:
         done: dict[int, Written | OpploadError] = dict(coming)
     return [done[position] for position in range(len(protocols))]
 
