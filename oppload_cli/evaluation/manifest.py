@@ -81,14 +81,14 @@ def read_manifest(path: Path) -> Manifest:
     entries: list[Entry] = []
     faults: list[str] = []
     row_of: dict[str, int] = {}
-    filled = {at: row for at, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)}
+    filled = {i: row for i, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)}
     for number, cells in filled.items():
         try:
             entries.append(_entry(path, number, header, cells, row_of))
         except _RowError as fault:
             faults.append(f"{path}: row {number}: {fault}")
-    at = header.index("file")
-    names = tuple(cells[at].strip() for cells in filled.values() if at < len(cells))
+    column = header.index("file")
+    names = tuple(cells[column].strip() for cells in filled.values() if column < len(cells))
     return Manifest(path, entries, faults, len(filled), names, _notes_of(path, header))
 
 
@@ -109,18 +109,18 @@ def _check_header(path: Path, header: Sequence[str]) -> None:
     missing = [name for name in _REQUIRED if name not in header]
     if missing:
         unknown = [name for name in header if name not in _KNOWN and _meant(name, missing)]
-        other = f" (it has '{unknown[0]}')" if unknown else ""
+        hint = f" (it has '{unknown[0]}')" if unknown else ""
         # As spreadsheets write in many countries, or as they copy cells.
         for mark, name in ((";", "semicolons"), ("\t", "tabs")):
             if len(header) == 1 and mark in header[0]:
-                other = f" (its cells are separated by {name}, not by commas)"
+                hint = f" (its cells are separated by {name}, not by commas)"
         raise ManifestError(
-            f"{path}: its first row lacks {', '.join(missing)}{other}; begin it with "
+            f"{path}: its first row lacks {', '.join(missing)}{hint}; begin it with "
             f"{','.join(_REQUIRED)}"
         )
-    twice = [name for name in _KNOWN if header.count(name) > 1]
-    if twice:
-        raise ManifestError(f"{path}: its first row has {twice[0]} twice; keep one")
+    repeated = [name for name in _KNOWN if header.count(name) > 1]
+    if repeated:
+        raise ManifestError(f"{path}: its first row has {repeated[0]} twice; keep one")
 
 
 def _entry(

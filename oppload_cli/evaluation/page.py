@@ -195,7 +195,7 @@ def _pictures(evaluation: Evaluation, moments: Collection[_Moment]) -> dict[_Mom
         (index, frame): jpeg
         for index in sorted({index for index, _ in moments})
         for frame, jpeg in _frames(
-            evaluation.entries[index].path, {frame for at, frame in moments if at == index}
+            evaluation.entries[index].path, {frame for clip, frame in moments if clip == index}
         )
     }
 

@@ -158,11 +158,11 @@ class Clip:
 
         The earliest window may be shorter than a second, but not shorter than half a second.
         """
-        made = []
+        windows = []
         while (window := self._window_to(stop, start)) is not None:
-            made.append(window)
+            windows.append(window)
             stop = window.start
-        return made
+        return windows
 
     def window_before_contact(self, frames: int = 0) -> Window | None:
         """Return the window whose last frame is `frames` before the frame of contact.
@@ -213,7 +213,7 @@ def videos_of(clips: Sequence[Clip]) -> NDArray[np.int64]:
     """Return the number of each clip's video: clips of one video are no independent examples."""
     shared = [clip.label.video for clip in clips]
     first_free = max((each for each in shared if each is not None), default=-1) + 1
-    numbers = [first_free + at if each is None else each for at, each in enumerate(shared)]
+    numbers = [first_free + i if each is None else each for i, each in enumerate(shared)]
     return np.array(numbers, np.int64)
 
 

@@ -125,9 +125,9 @@ def _share(
     values: Numbers, draws: Weights, owner: Weights | slice = _EACH_CLIP
 ) -> tuple[float, float, float, int]:
     """Return a mean of shares like `_averaged`; its interval is not empty if all values agree."""
-    share, low, high, known = _averaged(weighted_mean, values, draws, owner)
+    share, low, high, count = _averaged(weighted_mean, values, draws, owner)
     clips = np.arange(draws.shape[1])[owner][~np.isnan(values)]
-    return (share, *share_interval(share, len(np.unique(clips)), low, high), known)
+    return (share, *share_interval(share, len(np.unique(clips)), low, high), count)
 
 
 def _of_order(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
@@ -147,8 +147,8 @@ def _distinct_ratios(clips: Sequence[Clip], detector: str) -> Numbers:
     """
     before = np.array([_largest_before(clip, detector) for clip in clips])
     looming = np.array([clip.label.looming for clip in clips])
-    known = before[~looming & ~np.isnan(before)]
-    median = float(np.median(known)) if len(known) else float("nan")
+    without_approach = before[~looming & ~np.isnan(before)]
+    median = float(np.median(without_approach)) if len(without_approach) else float("nan")
     ratios = np.full(len(clips), np.nan)
     for index, clip in enumerate(clips):
         start, stop = clip.approach
@@ -243,9 +243,10 @@ def _overlap_of(clip: Clip, detector: str) -> float:
 def overlap(first: Sequence[float], second: Sequence[float]) -> float:
     """Return the intersection of two boxes (left, top, width, height) over their union."""
     sides = []
-    for at in (0, 1):
-        low = max(first[at], second[at])
-        sides.append(max(min(first[at] + first[at + 2], second[at] + second[at + 2]) - low, 0.0))
+    for axis in (0, 1):
+        low = max(first[axis], second[axis])
+        high = min(first[axis] + first[axis + 2], second[axis] + second[axis + 2])
+        sides.append(max(high - low, 0.0))
     intersection = sides[0] * sides[1]
     union = first[2] * first[3] + second[2] * second[3] - intersection
     return intersection / union if union > 0 else 0.0
@@ -287,14 +288,14 @@ def places(clips: Sequence[Clip], detector: str) -> list[_Place]:
 
     The `detector` has units, or is ``frame_centre``, which points at the centre of the frame.
     """
-    found = []
+    placed = []
     for index, clip in enumerate(clips):
         centres, contact = _centres(clip, detector), clip.label.contact
         for frame, box in sorted(clip.label.boxes.items()):
             if clip.first <= frame < len(clip):
                 near = contact is not None and contact - NEAR_CONTACT <= frame <= contact
-                found.append(_Place(index, near, *_compared(centres[frame], box)))
-    return found
+                placed.append(_Place(index, near, *_compared(centres[frame], box)))
+    return placed
 
 
 def _centres(clip: Clip, detector: str) -> Numbers:
