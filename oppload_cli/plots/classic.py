@@ -123,9 +123,9 @@ def _half_distance(x: Series, y: Series, share: Series) -> str:
         below = np.flatnonzero(values < _HALF)
         if not below.size:
             return "half on some sides only"
-        at = int(below[0])
-        part = (values[at - 1] - _HALF) / (values[at - 1] - values[at])
-        crossing = places[at - 1] + part * (places[at] - places[at - 1])
+        end = int(below[0])
+        part = (values[end - 1] - _HALF) / (values[end - 1] - values[end])
+        crossing = places[end - 1] + part * (places[end] - places[end - 1])
         distances.append(abs(crossing - places[0]))
     return f"half at {np.mean(distances):.0f} deg"
 

@@ -264,7 +264,7 @@ def _largest_angle(tuning: Tuning) -> float | None:
     try:
         display = Display.from_table(first["display"], "display")
         field = display.angle_of(min(display.width, display.height))
-        growths = [one["growth"] for one in first["object"] if "growth" in one]
+        growths = [obj["growth"] for obj in first["object"] if "growth" in obj]
         return float(min([field, *(growth.get("most_deg", 180) for growth in growths)]))
     except (KeyError, TypeError, AttributeError, StimulusError):
         return None

@@ -171,8 +171,8 @@ def _draw_few(panels: Panels, options: CurveOptions) -> Drawn:
     truths = [shared_truth(curves) for curves in panels]
     strips = [truth if truth and sizes_in(truth["frames"]) else None for truth in truths]
     if options.scale == "raw":  # of the panels of a result, the last one has a strip
-        last = {curves[-1].number: at for at, curves in enumerate(panels)}
-        strips = [truth if at in last.values() else None for at, truth in enumerate(strips)]
+        last = {curves[-1].number: index for index, curves in enumerate(panels)}
+        strips = [strip if i in last.values() else None for i, strip in enumerate(strips)]
     heights: list[float] = []
     for curves, strip in zip(panels, strips, strict=True):
         heights += [1.75 + 0.12 * len(curves), *([] if strip is None else [0.62])]
@@ -469,8 +469,8 @@ def _draw_rows(
                           solid_capstyle="butt")  # fmt: skip
             for times in options.marks.values():
                 if (time := times[curve.number]) is not None:
-                    at = time - curve.zero_s
-                    axes.plot([at, at], [row - 0.5, row + 0.5], color="white", lw=0.9)
+                    x = time - curve.zero_s
+                    axes.plot([x, x], [row - 0.5, row + 0.5], color="white", lw=0.9)
     image = axes.imshow(
         values, aspect="auto", cmap=style.SHADES, interpolation="nearest",
         extent=(*ends, len(curves) - 0.5, -0.5),
@@ -513,10 +513,10 @@ def _write_few_numbers(bar: Colorbar) -> None:
 
 def _binned(time: Series, value: Series, begin: float, end: float, bins: int) -> Series:
     """Return the largest value in each bin of time; NaN before the first and after the last."""
-    at = np.floor((time - begin) / max(end - begin, 1e-9) * bins).clip(-1, bins).astype(int)
-    at[time == end] = bins - 1
-    known = np.isfinite(value)
-    known[np.flatnonzero(at < 0)[:-1]] = False  # of the frames before all bins, the last one counts
-    largest = pd.Series(value[known]).groupby(at[known]).max().reindex(range(-1, bins + 1))
+    number = np.floor((time - begin) / max(end - begin, 1e-9) * bins).clip(-1, bins).astype(int)
+    number[time == end] = bins - 1
+    counts = np.isfinite(value)
+    counts[np.flatnonzero(number < 0)[:-1]] = False  # of frames before all bins, the last counts
+    largest = pd.Series(value[counts]).groupby(number[counts]).max().reindex(range(-1, bins + 1))
     # A bin between two frames shows the frame before it.
     return np.asarray(largest.ffill().where(largest.bfill().notna()), np.float64)[1:-1]

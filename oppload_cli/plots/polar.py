@@ -62,8 +62,8 @@ def selectivity(angles_deg: Series, responses: Series) -> _Selectivity:
     opposite = np.flatnonzero(np.abs((angles_deg - preferred) % 360 - 180) < 1e-6)
     index = None
     if opposite.size:
-        other = float(responses[opposite[0]])
-        index = (peak - other) / (peak + other)
+        null = float(responses[opposite[0]])  # in the null direction
+        index = (peak - null) / (peak + null)
     least = float(responses.min()) / peak
     axes = np.unique(np.round(angles_deg % 180, 6))
     gaps = np.diff(np.append(axes, axes[0] + 180))
@@ -211,8 +211,8 @@ def _bar_width(tunings: Sequence[Tuning]) -> int | None:
         return None
     matches = [re.search(r"bar-(?:expand-)?(\d+)$", tuning.name) for tuning in tunings]
     width, *others = {int(match[1]) if match else 0 for match in matches}
-    known = width in BAR_WIDTHS and not others
-    return width if known and all(map(_as_published, tunings)) else None
+    is_published = width in BAR_WIDTHS and not others
+    return width if is_published and all(map(_as_published, tunings)) else None
 
 
 def _as_published(tuning: Tuning) -> bool:
@@ -220,8 +220,8 @@ def _as_published(tuning: Tuning) -> bool:
     first = first_stimulus(tuning)
     if not first:  # without a sidecar, only the name is known
         return True
-    known = [each for each in entries() if each.name == tuning.name]
-    return any(_appearance(first) == _appearance(each.protocols()[0].as_table()) for each in known)
+    tables = [each.protocols()[0].as_table() for each in entries() if each.name == tuning.name]
+    return any(_appearance(first) == _appearance(table) for table in tables)
 
 
 def _appearance(table: Mapping[str, Any]) -> list[Any]:

@@ -202,9 +202,9 @@ def as_list(results: T | Sequence[T], kind: type[T]) -> list[T]:
 def check_drawn(drawn: object, kind: type) -> None:
     """Raise a ParameterError for anything else than a result of this kind, such as its path."""
     if not isinstance(drawn, kind):
-        known = "read_tuning" if kind is Tuning else "run or read_result"
+        source = "read_tuning" if kind is Tuning else "run or read_result"
         raise ParameterError(
-            f"{type(drawn).__name__}: cannot be drawn; give what oppload_cli.{known} returns"
+            f"{type(drawn).__name__}: cannot be drawn; give what oppload_cli.{source} returns"
         )
 
 
@@ -221,8 +221,8 @@ def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
     dashes in turn, so that no two of up to 28 curves look alike.
     """
     if len(set(detectors)) == len(detectors):
-        known = known_names()
-        numbers = [known.index(name) if len(detectors) > 1 else 0 for name in detectors]
+        ordered = known_names()
+        numbers = [ordered.index(name) if len(detectors) > 1 else 0 for name in detectors]
         colours = [detector_named(name).colour for name in detectors]
     else:
         numbers = list(range(len(detectors)))

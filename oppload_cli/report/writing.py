@@ -295,8 +295,8 @@ def _seconds(value: float) -> str:
     value = round(value, 2)  # before the minutes are taken, so that no seconds are 60.00
     if value < 60:
         return f"{value:.2f} s"
-    minutes, rest = divmod(value, 60)
-    return f"{int(minutes)}:{rest:05.2f}"
+    minutes, seconds = divmod(value, 60)
+    return f"{int(minutes)}:{seconds:05.2f}"
 
 
 def _number(value: float) -> str:
@@ -321,7 +321,7 @@ def _spark(curve: Curve, times: Any) -> str:
     column = np.minimum(((times[known] - times[0]) / length * width).astype(int), width - 1)
     highest = np.zeros(width)
     np.maximum.at(highest, column, curve.values[known])
-    points = (f"{at} {_spark_row(highest[at]):.1f}" for at in np.unique(column))
+    points = (f"{x} {_spark_row(highest[x]):.1f}" for x in np.unique(column))
     return "M" + "L".join(points)
 
 
