@@ -315,7 +315,7 @@ class Table:
                 raise cls._error(f"{label} takes a list, not {_written(value)}")
             if kinds[-1] is not Ellipsis and len(value) != len(kinds):
                 raise cls._error(f"{label} takes a list of {len(kinds)} values, not {len(value)}")
-            return tuple(cls._converted(declared, kinds[0], one) for one in value)
+            return tuple(cls._converted(declared, kinds[0], item) for item in value)
         if kind is Fraction and not isinstance(value, Fraction):
             return cls._fraction(label, value)
         if not isinstance(value, bool):  # NumPy's numbers are of the classes of `numbers` too
@@ -507,7 +507,7 @@ def _without_none(hint: Any) -> tuple[Any, bool]:
     members = typing.get_args(hint)
     if NoneType not in members:
         return hint, False
-    return next(one for one in members if one is not NoneType), True
+    return next(each for each in members if each is not NoneType), True
 
 
 def _is_supported(kind: Any) -> bool:
@@ -526,7 +526,7 @@ def _in_words(kind: Any) -> str:
         members = typing.get_args(kind)
         if members[-1] is Ellipsis:
             return f"list of {_in_words(members[0])}s"
-        return f"[{', '.join(_in_words(one) for one in members)}]"
+        return f"[{', '.join(_in_words(each) for each in members)}]"
     return "table" if _is_table(kind) else _WORDS.get(kind, str(kind))
 
 
@@ -534,7 +534,7 @@ def _plain(value: object) -> object:
     if isinstance(value, Table):
         return value.as_table()
     if isinstance(value, tuple):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     if isinstance(value, Fraction):
         return f"{value.numerator}/{value.denominator}"
     return value
@@ -542,7 +542,7 @@ def _plain(value: object) -> object:
 
 def _numbers(value: object) -> list[float | Fraction]:
     if isinstance(value, tuple):
-        return [number for one in value for number in _numbers(one)]
+        return [number for item in value for number in _numbers(item)]
     if isinstance(value, int | float | Fraction) and not isinstance(value, bool):
         return [value]
     return []

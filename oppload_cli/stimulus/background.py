@@ -280,7 +280,7 @@ def _backdrop(values: Picture, wide_m: float) -> list[Surface]:
     texture, far = _repeated(values), _BACKDROP_M
     corner, extent = (0.0, wide_m / 2), (-far, -far, far, far)
     sides = [((0.0, 0.0, far), RIGHT), ((-far, 0.0, 0.0), AHEAD), ((far, 0.0, 0.0), AHEAD)]
-    return [Surface(at, along, UP, texture, wide_m, corner, extent) for at, along in sides]
+    return [Surface(point, along, UP, texture, wide_m, corner, extent) for point, along in sides]
 
 
 def _level(values: Picture, up: float, tile_m: float, clear_m: float) -> Surface:
@@ -351,10 +351,10 @@ def _street(random: Random, down: float) -> _Surroundings:
     for side in (-1.0, 1.0):
         for number in range(7):
             high = float(random.uniform(7, 14))
-            at = (side * 7.5, down, 16.0 * (number - 1))
+            foot = (side * 7.5, down, 16.0 * (number - 1))
             values = houses[int(random.integers(len(houses)))]
-            surfaces.append(_wall(values, at, AHEAD, (16.0, high, 14.0)))
-    posts = [(side * 4.6, float(at)) for at in range(4, 88, 12) for side in (-1, 1)]
+            surfaces.append(_wall(values, foot, AHEAD, (16.0, high, 14.0)))
+    posts = [(side * 4.6, float(ahead)) for ahead in range(4, 88, 12) for side in (-1, 1)]
     iron = 0.2 * (1 + 0.2 * _noise(random))
     for right, ahead in sorted(posts, key=lambda post: -post[1]):
         surfaces.append(_wall(iron, (right - 0.08, down, ahead), RIGHT, (0.16, 4.5, 4.0)))
@@ -374,8 +374,8 @@ def _forest(random: Random, down: float) -> _Surroundings:
     ]
     for right, ahead, wide in sorted(trunks, key=lambda trunk: -trunk[1]):
         values = bark[int(random.integers(3))] * random.uniform(0.7, 1.6)
-        at = (right - wide / 2, down, ahead)
-        surfaces.append(_wall(values, at, RIGHT, (wide, 14.0, 2.0)))
+        foot = (right - wide / 2, down, ahead)
+        surfaces.append(_wall(values, foot, RIGHT, (wide, 14.0, 2.0)))
     return _Surroundings(surfaces, 0.45)
 
 

@@ -150,10 +150,10 @@ class Entry:
         if sweep.keys() & {*settings, *excluded.values()}:
             sweep, only = self._swept_by_members(), "*"
         for dotted, value in settings.items():
-            other = excluded[dotted]
-            if other and other not in settings:
-                table = without(table, other)
-                sweep.pop(other, None)
+            replaced = excluded[dotted]
+            if replaced and replaced not in settings:
+                table = without(table, replaced)
+                sweep.pop(replaced, None)
             if dotted in sweep:
                 several = isinstance(value, list) and not isinstance(sweep[dotted][0], list)
                 sweep[dotted] = value if several and value else [value]

@@ -74,9 +74,9 @@ def contact_sheet(
         sheet[top - 1 : top + height + 1, left - 1 : left + width + 1] = 0
         sheet[top : top + height, left : left + width] = small
         if times_s:
-            place = left, top + height + _CAPTION - 2
+            origin = left, top + height + _CAPTION - 2
             text, font = f"{times_s[index]:.3g} s", cv2.FONT_HERSHEY_SIMPLEX
-            cv2.putText(sheet, text, place, font, 0.4, 0, 1, cv2.LINE_AA)
+            cv2.putText(sheet, text, origin, font, 0.4, 0, 1, cv2.LINE_AA)
     return sheet
 
 

@@ -277,8 +277,8 @@ def _area_on_display(projection: Projection, obj: Object, pose: Pose) -> float:
 
     if obj.kind in SIZED:
         return float(shape_coverage(projection, obj, pose)[1].sum())
-    place, radius = projection.to_px(*pose.centre_deg), projection.reach(pose.extent.forward)
-    return float(disk_coverage(*place, radius, *projection.shape)[1].sum())
+    centre, radius = projection.to_px(*pose.centre_deg), projection.reach(pose.extent.forward)
+    return float(disk_coverage(*centre, radius, *projection.shape)[1].sum())
 
 
 def _path(motion: Motion, elapsed: float, backwards: bool) -> tuple[_Vector, _Vector]:
@@ -318,14 +318,14 @@ def shaken(motion: Motion | Camera, elapsed: float, seed: str) -> tuple[_Vector,
     chance = random.Random(f"{seed}/shake")  # noqa: S311
     waves = 6
     amplitude = motion.shake_deg / math.sqrt(waves)
-    place, speed = [0.0, 0.0], [0.0, 0.0]
+    shift, speed = [0.0, 0.0], [0.0, 0.0]
     for axis in (0, 1):
         for _ in range(waves):
             rate = 2 * math.pi * motion.shake_hz * chance.uniform(0.5, 1.5)
             phase = chance.uniform(0, 2 * math.pi)
-            place[axis] += amplitude * (math.sin(rate * elapsed + phase) - math.sin(phase))
+            shift[axis] += amplitude * (math.sin(rate * elapsed + phase) - math.sin(phase))
             speed[axis] += amplitude * rate * math.cos(rate * elapsed + phase)
-    return (place[0], place[1]), (speed[0], speed[1])
+    return (shift[0], shift[1]), (speed[0], speed[1])
 
 
 def _extent_of(protocol: ProtocolTables, obj: Object, elapsed: float) -> Extent:

@@ -81,8 +81,8 @@ class Protocol(ProtocolTables):
         if not isinstance(listed, list) or not (listed or staged):
             raise StimulusError(f"{where}: there is no object; add one as [[object]]")
         top["objects"] = [
-            Object.from_table(one, f"{where}: {_called(one, number)}")
-            for number, one in enumerate(listed, 1)
+            Object.from_table(each, f"{where}: {_called(each, number)}")
+            for number, each in enumerate(listed, 1)
         ]
         return super().from_table(top, where)
 
@@ -338,10 +338,10 @@ def _type_schema(each: Parameter, kind: Any) -> dict[str, Any]:
             listed |= {"minItems": len(members), "maxItems": len(members)}
         return listed
     if issubclass(kind, Table):
-        kinds = [one.choices for one in kind.declared() if one.name == "kind"]
-        if not kinds:
+        choices = [field.choices for field in kind.declared() if field.name == "kind"]
+        if not choices:
             return _table_schema(kind)
-        return {"oneOf": [_table_schema(kind, str(one)) for one in kinds[0]]}
+        return {"oneOf": [_table_schema(kind, str(choice)) for choice in choices[0]]}
     if kind in {str, bool}:
         plain = {"type": "string" if kind is str else "boolean"}
         return plain | ({"enum": list(each.choices)} if each.choices else {})
