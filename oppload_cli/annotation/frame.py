@@ -205,9 +205,9 @@ class Strip:
         largest = self._largest[name]
         if response > largest:
             points = self.points[name]
-            for at, point in enumerate(points):
+            for index, point in enumerate(points):
                 if point.ratio is not None:
-                    points[at] = point._replace(ratio=point.ratio * largest / response)
+                    points[index] = point._replace(ratio=point.ratio * largest / response)
             self._largest[name] = response
         return self._largest[name] or 1.0
 
@@ -249,8 +249,8 @@ class Strip:
             canvas[foot - text // 3 : foot, x : x + 1] = _DIM
             label = f"{number * step:.{digits}f} s"
             width = _width_of(label, text)
-            at = min(x - width // 2, self._layout.width - width - 1)
-            _write(canvas, label, (at, foot + round(0.7 * text)), text, _DIM)
+            label_x = min(x - width // 2, self._layout.width - width - 1)
+            _write(canvas, label, (label_x, foot + round(0.7 * text)), text, _DIM)
             number += 1
 
     def _shade(self, plot: Bgr, points: list[_Point]) -> None:
@@ -273,7 +273,7 @@ class Strip:
             clipped = np.clip(np.column_stack([columns, rows]), -_FURTHEST, _FURTHEST)
             path = np.rint(clipped * (1 << _FINE)).astype(np.int32)
             cv2.polylines(plot, [path], False, paint, layout.line, cv2.LINE_AA, _FINE)
-            thick = [path[at : at + 2] for at, each in enumerate(stretch[:-1]) if each.alarm]
+            thick = [path[i : i + 2] for i, point in enumerate(stretch[:-1]) if point.alarm]
             cv2.polylines(plot, thick, False, paint, 2 * layout.line, cv2.LINE_AA, _FINE)
         if points and points[-1].ratio is not None:
             x, y = path[-1].tolist()
@@ -414,5 +414,5 @@ def _label(
     y = top - height if top >= height else max(0, top)
     x = max(0, min(left, picture.shape[1] - width))
     _fill(picture, (x, y, x + width, y + height), ground)
-    at = (x + layout.text // 2, y + height // 2)
-    _write(picture, label, at, layout.text, ink, bold=True)
+    origin = (x + layout.text // 2, y + height // 2)
+    _write(picture, label, origin, layout.text, ink, bold=True)

@@ -158,10 +158,10 @@ def refuse_other(folder: Path, settings: Mapping[str, Any]) -> None:
         return
     # Through JSON, as `earlier` was: it makes lists of tuples.
     wanted = json.loads(json.dumps(settings, default=str))
-    other = [key for key in wanted if not earlier or earlier.get(key, wanted[key]) != wanted[key]]
-    if other:
+    keys = [key for key in wanted if not earlier or earlier.get(key, wanted[key]) != wanted[key]]
+    if keys:
         raise OutputError(
-            f"{folder / SIDECAR}: is a benchmark with other {' and '.join(other)}; choose "
+            f"{folder / SIDECAR}: is a benchmark with other {' and '.join(keys)}; choose "
             "--if-exists overwrite, or another --output"
         )
 

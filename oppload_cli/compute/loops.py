@@ -243,9 +243,9 @@ def _opponent_products(pooled: Floats, weights: Floats) -> Floats:
     padded = np.zeros((2 * axes, rows, stride), np.float32)
     padded[..., :columns] = pooled
     out = np.empty((axes, rows, stride), np.float32)
-    at = _addresses(padded)
+    inputs = _addresses(padded)
     for passing, opposite, weight, to in zip(
-        at[:axes], at[axes:], _addresses(weights), _addresses(out), strict=True
+        inputs[:axes], inputs[axes:], _addresses(weights), _addresses(out), strict=True
     ):
         _library().opponent_products(passing, opposite, rows, columns, stride, weight, reach, to)
     return out[..., :columns]

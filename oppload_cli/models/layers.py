@@ -225,8 +225,8 @@ class Photoreceptors:
         """
         now, before, _ = self.maps
         rows, columns = (
-            slice(max(0, round(at - half)), min(side, round(at + half)))
-            for at, side in zip(middle, self.shape, strict=True)
+            slice(max(0, round(centre - half)), min(side, round(centre + half)))
+            for centre, side in zip(middle, self.shape, strict=True)
         )
         square = before[rows, columns]
         total = cv2.norm(square, cv2.NORM_L2SQR)
@@ -358,9 +358,9 @@ class Dpc:
         Each access to this property computes E, I and S.
         """
         p = self.photoreceptors.maps
-        named = {f"S_{phi}": pathway for phi, pathway in self.sums.pathways.items()}
+        pathways = {f"S_{phi}": pathway for phi, pathway in self.sums.pathways.items()}
         e, i = excitation(p, self.kernels), inhibition(p, self.kernels)
-        return {"P": p[0], "E": e, "I": i, "S": rectified(e, i), **named}
+        return {"P": p[0], "E": e, "I": i, "S": rectified(e, i), **pathways}
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""

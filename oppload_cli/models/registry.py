@@ -242,8 +242,8 @@ def _check_parameters(detector: type[Detector], where: str) -> None:
         detector.parameters()  # raises the error of a wrong declaration or default
         for preset in (*detector.presets, *detector.alarm_floors):
             preset_named(preset)
-    for given in map(type, detector.presets.values()):
-        if given is Parameters or not issubclass(detector.parameters, given):
+    for kind in map(type, detector.presets.values()):
+        if kind is Parameters or not issubclass(detector.parameters, kind):
             raise ParameterError(
                 f"{where}: its presets must be of the class of its parameters, "
                 f"{detector.parameters.__name__}, or of one that this class extends"
@@ -346,15 +346,15 @@ def _named(name: str, variant: str) -> list[str]:
             preset_named(variant)  # raises the error of an unknown preset
         return [each for each, detector in detectors().items() if not detector.variant_of]
     detector_named(name)
-    candidates = [one for one in _detectors if one.startswith(f"{name}_")]
-    variants = [one for one in candidates if detector_named(one).variant_of == name]
+    candidates = [each for each in _detectors if each.startswith(f"{name}_")]
+    variants = [each for each in candidates if detector_named(each).variant_of == name]
     if f"{name}_{variant}" in variants:
         return [f"{name}_{variant}"]
     if not variant or variant in PRESETS or (variants and variant == _LITERAL):
         return [name]
     if not variants:
         preset_named(variant)  # raises the error of an unknown preset
-    known = [_LITERAL, *(one.removeprefix(f"{name}_") for one in variants)]
+    known = [_LITERAL, *(each.removeprefix(f"{name}_") for each in variants)]
     raise ParameterError(f"model '{name}' has no variant '{variant}': it has {' and '.join(known)}")
 
 

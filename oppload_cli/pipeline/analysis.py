@@ -344,7 +344,7 @@ def side_by_side(
     prepared = Prefetch(frames, frames_ahead(facts, working))
     try:
         for of_passes in prepared:
-            yield [each.step(one) for each, one in zip(detectors, of_passes, strict=True)]
+            yield [each.step(frame) for each, frame in zip(detectors, of_passes, strict=True)]
     finally:
         prepared.close()
 

@@ -328,8 +328,8 @@ def _models(names: object) -> tuple[str, ...]:
     if not isinstance(names, list | tuple) or not names:
         known = list(default_names())
         raise ParameterError(f"models must be a list such as {known}, not {names!r}")
-    chosen = [one for name in names for one in names_of(str(name))]
-    return tuple(dict.fromkeys(chosen))
+    detectors = [detector for name in names for detector in names_of(str(name))]
+    return tuple(dict.fromkeys(detectors))
 
 
 def _yes_or_no(value: object) -> bool:
