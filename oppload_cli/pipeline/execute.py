@@ -253,7 +253,7 @@ class _Run:
         self._alarms = {name: AlarmLog(name) for name in task.settings.models}
         self._repeats = Repeats(task.settings.repeats)
         self._stimulus = stimulus or _ground_truth(task.name, video.facts)
-        self._display = _display(video.facts, self._stimulus)
+        self._display = _stimulus_optics(video.facts, self._stimulus)
         # No video file states the field of view. Focal lengths in image files are those of the
         # uncropped sensor, and videos seldom use the complete sensor.
         self._optics, fov = self._display, task.settings.fov
@@ -472,7 +472,7 @@ class _Run:
         }
 
 
-def _display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics | None:
+def _stimulus_optics(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics | None:
     """Return the optics of an input's ground truth; None if the input has none."""
     try:
         return Optics.of_display((stimulus or {})["display"], facts.width, facts.height)

@@ -81,9 +81,9 @@ class Preparation:
         if self._flow:
             opponency = RmoMetrics() if repeat.kind else self._flow.step(frame.luma)
         prepared = Prepared(frame, repeat, opponency)
-        return prepared if self._first is None else self._again(self._first, prepared)
+        return prepared if self._first is None else self._with_first_frames(self._first, prepared)
 
-    def _again(self, first: list[Prepared], latest: Prepared) -> Prepared:
+    def _with_first_frames(self, first: list[Prepared], latest: Prepared) -> Prepared:
         """Return the latest frame; if the first ones are better known now, with them once more."""
         still = latest.repeat.kind == EXACT and not latest.repeat.passed_over
         if still and all(each.repeat.kind == EXACT for each in first[1:]):
@@ -231,7 +231,7 @@ class DetectorPass:
     ) -> tuple[dict[str, tuple[Detection, ...]], dict[str, bool]]:
         """Return the looming objects and the alarms at a frame, or at a picture between frames."""
         objects = {
-            name: () if repeat.kind else self._found(name, responses[name], frame, repeat.shift_s)
+            name: () if repeat.kind else self._objects(name, responses[name], frame, repeat.shift_s)
             for name in self._places
             if name in responses
         }
@@ -250,21 +250,23 @@ class DetectorPass:
         }
         return objects, alarms
 
-    def _found(
+    def _objects(
         self, name: str, response: Response | None, frame: Frame, shift_s: float
     ) -> tuple[Detection, ...]:
         if response is None:
             return ()
         places, units = self._places[name], self._bank.units_of(name)
         if units is None:
-            found = places.of_box(response)
+            detections = places.of_box(response)
         else:
             # Growth is measured between the times at which pictures were taken. But the time to
             # contact counts from the presentation time of the frame.
-            found = places.step(units, frame.luma, frame.time_s + shift_s)
+            detections = places.step(units, frame.luma, frame.time_s + shift_s)
             if shift_s:
-                found = tuple(each.after(-shift_s) for each in found)
-        return tuple(each.seen_through(self._optics) for each in found) if self._optics else found
+                detections = tuple(each.after(-shift_s) for each in detections)
+        if not self._optics:
+            return detections
+        return tuple(each.seen_through(self._optics) for each in detections)
 
 
 def _held(record: FrameRecord, prepared: Prepared) -> FrameRecord:

@@ -218,7 +218,7 @@ def resolve(
         )
     preset = preset or of_models
     chosen = preset_named(preset) if preset else _preset_of_file(content, file_name, usual)
-    needed = _needed(_models(models) if models else default_names(), content, assignments)
+    needed = _needed_detectors(_models(models) if models else default_names(), content, assignments)
     groups: dict[str, Parameters] = {
         **{name: parameters_of(name, chosen.name) for name in needed},
         "alarm": alarm_params_with(needed, chosen.name),
@@ -252,7 +252,7 @@ def resolve(
     return _with_command_line(settings, options, assignments).without_idle_detectors()
 
 
-def _needed(
+def _needed_detectors(
     models: Sequence[str], content: Mapping[str, Any], assignments: Sequence[str]
 ) -> Sequence[str]:
     """Return the detectors whose parameters are needed: all, if any of them may have a setting."""
