@@ -180,7 +180,7 @@ class _Docstring:
         if "__match_args__" in vars(kind) and kind.declared():
             first = (n - 1 for n, line in enumerate(lines) if line and set(line) == {"-"})
             end = next(first, len(lines))
-            section = ["", "Parameters", "----------", *kind._described(), ""]
+            section = ["", "Parameters", "----------", *kind._parameter_lines(), ""]
             lines = ["\n".join(lines[:end]).rstrip(), *section, *lines[end:]]
         return "\n".join(lines)
 
@@ -236,7 +236,7 @@ class Table:
         return tuple(declared)
 
     @classmethod
-    def _described(cls) -> Iterator[str]:
+    def _parameter_lines(cls) -> Iterator[str]:
         for each in cls.declared():
             plain = each.default is not REQUIRED and not isinstance(each.default, Table | None)
             kind = f"{each.words} or None" if each.optional else each.words
@@ -420,7 +420,7 @@ class Parameters(Table):
             If a name is unknown (the message suggests the nearest one) or a value is out of range.
         """
         for name in values:
-            self._known(name)
+            self._declared_as(name)
         return replace(self, **values)
 
     @classmethod
@@ -434,7 +434,7 @@ class Parameters(Table):
         :meth:`replaced` checks the range. Raises ParameterError if the name is unknown, or the text
         cannot be converted.
         """
-        each = self._known(name)
+        each = self._declared_as(name)
         if each.optional and text.lower() in {"none", AUTO}:
             return None
         if each.type in {str, Fraction}:
@@ -455,7 +455,7 @@ class Parameters(Table):
         Returns None for a value without ``deg``, and for parameters that are not sizes in pixels.
         Raises ParameterError if the name is unknown, or the angle is not above 0 and below 180.
         """
-        each = self._known(name)
+        each = self._declared_as(name)
         is_size = each.unit == "px" and each.type in {int, float}
         if not is_size or not isinstance(value, str) or not value.strip().endswith("deg"):
             return None
@@ -476,7 +476,7 @@ class Parameters(Table):
         return f"parameter '{name}' of {cls._set or words.lower()}"
 
     @classmethod
-    def _known(cls, name: str) -> Parameter:
+    def _declared_as(cls, name: str) -> Parameter:
         known = {each.name: each for each in cls.declared()}
         if name not in known:
             raise ParameterError(f"no {cls._label(name)}{suggestion(name, known)}")

@@ -137,17 +137,17 @@ def planned(named: Iterable[str | Input | Failure], *, recursive: bool = False) 
         failures.append(Failure(folder, "", ExitCode.NOTHING_READ, message))
     not_videos = set(chain.from_iterable(single_images.values()))
     names = [name for name in names if name not in not_videos]
-    holders: dict[str, str] = {}  # the input that has a stem, by `_simplest`
+    holders: dict[str, str] = {}  # the input that has a stem, by `_stem_key`
     inputs: list[Input] = []
     clashing: list[Input] = []
     for name in names:
-        holder = holders.setdefault(_simplest(stems[name]), name)
+        holder = holders.setdefault(_stem_key(stems[name]), name)
         (inputs if holder == name else clashing).append(Input(name, stems[name]))
     failures += [_same_stem(*each, holders) for each in clashing]
     return Plan(inputs, list(dict.fromkeys(failures)))
 
 
-def _simplest(stem: str) -> str:
+def _stem_key(stem: str) -> str:
     """Return one text for stems that some system takes for one: A and a, or é and its parts."""
     return unicodedata.normalize("NFC", stem.casefold())
 
@@ -158,11 +158,11 @@ def _same_stem(name: str, stem: str, holders: dict[str, str]) -> Failure:
     The input gets a new stem, which is added to `holders`. Only a run from ``failures.csv`` uses
     the new stem: which of two inputs comes second may change if the user names further inputs.
     """
-    holder = holders[_simplest(stem)]
+    holder = holders[_stem_key(stem)]
     new = next(
         each
         for each in other_stems(name, stem)
-        if holders.setdefault(_simplest(each), name) == name
+        if holders.setdefault(_stem_key(each), name) == name
     )
     in_other_folder = Path(name).parent != Path(holder).parent and os.path.lexists(name)
     message = (
@@ -255,7 +255,7 @@ def _rows_of_failures(source: str, text: str) -> Iterator[Input | Failure]:
             name, stem = row["input"] or "", row["stem"] or ""
             fault = fault_of_stem(stem) if stem else ""
             fault = fault and f"the stem '{stem}' is no plain name, as it {fault}"
-            holder = holders.setdefault(_simplest(stem), name)
+            holder = holders.setdefault(_stem_key(stem), name)
             if stem and holder != name:
                 fault = f"the stem '{stem}' is already the stem of {holder}"
             if not name:

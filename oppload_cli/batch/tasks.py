@@ -168,7 +168,7 @@ def _counted(
     return result
 
 
-def _distributed() -> Any:
+def _import_distributed() -> Any:
     try:
         import distributed  # noqa: PLC0415
     except ImportError as error:
@@ -181,7 +181,7 @@ def _distributed() -> Any:
 @contextmanager
 def _connected(scheduler: str) -> Iterator[Any]:
     """Connect to a scheduler; yield a distributed.Client."""
-    distributed = _distributed()
+    distributed = _import_distributed()
     for name in _LOGGERS:  # the errors below say the same
         logging.getLogger(name).setLevel(logging.CRITICAL)
     where = {"address" if "://" in scheduler else "scheduler_file": scheduler}
@@ -259,7 +259,7 @@ def _run_on_worker(
         message = f"{task.name}: its worker has oppload {__version__}, not {version}; replace it"
         return _failed(task, message)
     cv2.setNumThreads(1)  # dask counts one core for a task
-    distributed = _distributed()
+    distributed = _import_distributed()
     worker = distributed.get_worker()
     stop = distributed.Event(topic)
 
@@ -306,7 +306,7 @@ class _ClusterRun:
 
     def _cancel(self) -> None:
         """Cancel the tasks that have not begun, stop the others, and wait for their end."""
-        distributed = _distributed()
+        distributed = _import_distributed()
         with self._client.as_current():
             futures = [future for _, future in self._submitted.values()]
             processing = {key for keys in self._client.processing().values() for key in keys}

@@ -224,7 +224,7 @@ def show(
     OutputError
         If a file cannot be written, or the system ends one of the processes.
     """
-    code = _code(detectors)
+    code = _code_checksum(detectors)
     listed = [
         (column, _task(protocol, detectors, code, folder))
         for column in columns
@@ -257,7 +257,7 @@ _ROOMS = "compute", "detection", "models", "motion", "pipeline", "stimulus", "vi
 _SOURCES = {".py", ".c", ".h", ".csv"}
 
 
-def _code(detectors: Sequence[EvaluatedDetector]) -> str:
+def _code_checksum(detectors: Sequence[EvaluatedDetector]) -> str:
     """Return a checksum of the code: after a change, all measurements are made again."""
     package = Path(__file__).parents[1]
     files = {path for room in _ROOMS for path in (package / room).rglob("*.*")}

@@ -69,10 +69,7 @@ _EFFECTS = {
     "other kinds draw a table of 'oppload tune', the last five as classic figures (see 'oppload "
     "tune --figure').  [default: the one that suits the file]",
 )
-@options.models(
-    metavar="NAME",
-    help="Draw only this detector; A,B for several, or given again.",
-)
+@options.models(metavar="NAME", help="Draw only this detector; A,B for several, or given again.")
 @click.option(
     "--scale",
     type=click.Choice(["threshold", "peak", "raw"]),

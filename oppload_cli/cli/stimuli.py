@@ -65,7 +65,7 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
         click.echo(json.dumps(tables, indent=2, ensure_ascii=False))
         return
     for original, entry in shown:
-        click.echo(_shown(original, entry))
+        click.echo(_details(original, entry))
 
 
 @stimuli.command()
@@ -165,7 +165,7 @@ def _table(listed: Sequence[Entry]) -> str:
     return "\n".join([*lines, "", f"{len(rows)} protocols, {total} stimuli"])
 
 
-def _shown(original: Entry, entry: Entry) -> str:
+def _details(original: Entry, entry: Entry) -> str:
     """Return the description of an entry with its changed values, and the text of its file."""
     protocols = entry.protocols()
     displays = (each.display for each in protocols)
@@ -178,12 +178,12 @@ def _shown(original: Entry, entry: Entry) -> str:
         "description": entry.description,
         "source": entry.source,
         "tags": ", ".join(entry.tags),
-        "display": _different(
+        "display": _unique_lines(
             f"{each.width} x {each.height} px, {each.scale:g} px/deg, {each.projection}, "
             f"{float(each.frame_rate):g} Hz"
             for each in displays
         ),
-        "frames": _different(
+        "frames": _unique_lines(
             f"{each.frame_count} ({each.timing.total_s:g} s)" for each in protocols
         ),
         "file": str(entry.path),
@@ -195,7 +195,7 @@ def _shown(original: Entry, entry: Entry) -> str:
     return "\n".join([*lines, "", entry.path.read_text(encoding="utf-8")])
 
 
-def _different(texts: Iterable[str]) -> str:
+def _unique_lines(texts: Iterable[str]) -> str:
     """Return each text of the stimuli of a sweep once, on lines of their own."""
     return _INDENT.join(dict.fromkeys(texts))
 

@@ -165,7 +165,8 @@ class Products:
                 break
             square_x, square_y, opponency = moments
             before = x, y
-            x, y = self._half(square_x * self._cell_x**2), self._half(square_y * self._cell_y**2)
+            x = self._half_size(square_x * self._cell_x**2)
+            y = self._half_size(square_y * self._cell_y**2)
             latest = Extent(x, y, opponency)
             if abs(x - before[0]) < self._cell_x / 4 and abs(y - before[1]) < self._cell_y / 4:
                 break
@@ -216,7 +217,7 @@ class Products:
         along_y = outward.sum(axis=1) @ self._offsets_y[span_y] ** 2
         return float(along_x) / total, float(along_y) / total, difference
 
-    def _half(self, square: float) -> float:
+    def _half_size(self, square: float) -> float:
         """Return the half size of an ellipse: at least half of the blur and half a pixel."""
         least = max(1.0, self._maps.spread) / 2
         return math.sqrt(max(2 * square - self._maps.spread**2, least**2))

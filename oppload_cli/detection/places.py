@@ -235,7 +235,7 @@ class Places:
         for peak in peaks:
             track = self._owner(peak)
             if track is None:
-                track = self._new(peak, time_s)
+                track = self._new_track(peak, time_s)
             elif track not in shown:
                 self._follow(track, peak, time_s)
             if track and track not in shown:
@@ -257,7 +257,7 @@ class Places:
         own = [(away, track.identity, track) for away, track in distances if away is not None]
         return min(own)[2] if own else None
 
-    def _new(self, peak: _Peak, time_s: float) -> Track | None:
+    def _new_track(self, peak: _Peak, time_s: float) -> Track | None:
         half = self._maps.field / 2
         extent = self._measured(peak.row, peak.column, half, half)
         if extent is None:

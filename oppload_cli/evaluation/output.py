@@ -198,7 +198,7 @@ def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
 
 def _windows(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
     for clip in evaluation.clips:
-        for use, ahead, window in _uses(clip):
+        for use, ahead, window in _window_uses(clip):
             for name, output in clip.outputs.items():
                 yield {
                     "clip": clip.label.name,
@@ -211,7 +211,7 @@ def _windows(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
                 }
 
 
-def _uses(clip: Clip) -> Iterator[tuple[str, int | None, Window]]:
+def _window_uses(clip: Clip) -> Iterator[tuple[str, int | None, Window]]:
     for window in clip.windows_without_approach():
         yield "without approach", None, window
     for frames in AHEAD:

@@ -312,7 +312,7 @@ class PooledJudgement(CellJudgement):
             params.adaptation_s * self._per_second, params.adaptation_guard_s * self._per_second
         )
 
-    def _lasts(self, photoreceptors: Photoreceptors) -> bool:
+    def _motion_lasts(self, photoreceptors: Photoreceptors) -> bool:
         """Return whether motion has lasted long enough to be judged.
 
         If `history` is not 0, motion begins anew after a rest of the complete scene, as at the
@@ -393,11 +393,11 @@ class PooledJudgement(CellJudgement):
         if bars != self._bars:
             self._bars, self._pooling = bars, {}
         opponencies = np.zeros_like(self._persistent)
-        half_lasts = half is not None and self._lasts(half.photoreceptors)
+        half_lasts = half is not None and self._motion_lasts(half.photoreceptors)
         # The frame at half its size comes first, because `opponency` leaves its pathways in `maps`.
         if half and half_lasts:
             opponencies += np.float32(params.halved_weight) * self.opponency(half, 2)
-        if self._lasts(photoreceptors):
+        if self._motion_lasts(photoreceptors):
             opponencies += self.opponency(dpc)
         elif not half_lasts:
             self._persistent[:] = 0  # begin again, as at the start of the video

@@ -219,7 +219,7 @@ class _Surroundings:
     def picture(self, view: View) -> Picture:
         """Return the place as a camera sees it, float32 (h, w), luminance 0 to 1."""
         picture = np.full(view.projection.shape, self.haze, np.float32)
-        for surface, placed in self._seen(view):
+        for surface, placed in self._seen_surfaces(view):
             colours = surface.values(placed)
             if surface.clear_m:
                 clear = np.exp(-placed.depth / surface.clear_m).astype(np.float32)
@@ -241,7 +241,7 @@ class _Surroundings:
         x = np.arange(width)[None, :] + 0.5
         y = np.arange(height)[:, None] + 0.5
         moved = np.full((height, width, 2), np.nan)
-        for surface, placed in self._seen(view):
+        for surface, placed in self._seen_surfaces(view):
             to_x, to_y = surface.to_px(later, placed.u, placed.v)
             rows, columns = placed.window.slices
             flow = np.stack([to_x - x[:, columns], to_y - y[rows]], axis=-1)
@@ -249,7 +249,7 @@ class _Surroundings:
             moved[rows, columns][shown] = flow[shown]
         return moved
 
-    def _seen(self, view: View) -> Iterator[tuple[Surface, Placed]]:
+    def _seen_surfaces(self, view: View) -> Iterator[tuple[Surface, Placed]]:
         """Yield each surface that is seen, with its points."""
         for surface in self.surfaces:
             placed = surface.seen(view)

@@ -116,11 +116,11 @@ class Video:
                 ahead = frames_ahead(self.facts, self.working, colour=self._colour is not None)
                 on_drop = None
                 if self.facts.real_time:
-                    ahead, on_drop = MOST_WAITING, self._dropped
+                    ahead, on_drop = MOST_WAITING, self._count_dropped
                 self._iterator = self._prefetch = Prefetch(self._iterator, ahead, on_drop)
         return self._iterator
 
-    def _dropped(self) -> None:
+    def _count_dropped(self) -> None:
         self.decode.dropped += 1
 
     def close(self) -> None:
