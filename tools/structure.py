@@ -217,7 +217,7 @@ def detector_names(root: Path) -> list[str]:
 
 def _table(figures: dict[str, float]) -> str:
     """Return the Markdown table of the figures before and now."""
-    lines = ["| figure | before | aim | now |", "|---|---|---|---|"]
+    lines = ["| measurement | before | aim | now |", "|---|---|---|---|"]
     for title, now in figures.items():
         before, aim = BEFORE_AND_AIM[title]
         lines.append(f"| {title} | {before:,} | {'' if aim is None else f'{aim:,}'} | {now:,} |")
