@@ -32,7 +32,7 @@ from oppload_cli.files.atomic import claimed
     "--only",
     multiple=True,
     metavar="TABLE[,TABLE...]",
-    help=f"Tables of the battery: {', '.join(each.name for each in TABLES)}.  [default: all]",
+    help=f"Tables of the benchmark: {', '.join(each.name for each in TABLES)}.  [default: all]",
 )
 @click.option(
     "--manifest",
@@ -55,7 +55,7 @@ def benchmark(
 ) -> int:
     """Compare all detectors: their responses, their alarms and their cost.
 
-    Every detector sees a battery of looming stimuli and controls. DIR gets benchmark.html, one
+    Every detector sees the same looming stimuli and controls. DIR gets benchmark.html, one
     page with everything, stimuli.csv and summary.csv, a PDF per table, benchmark.json with all
     settings, and a file per stimulus in stimuli/. If you stop a benchmark and give the same
     command again, it reads these files and goes on.

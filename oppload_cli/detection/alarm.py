@@ -84,7 +84,7 @@ class AlarmParams(Parameters):
         high=1,
     )
     contact_s: float = _seconds(
-        1.0, "if the time to contact is below this, a smaller response is enough; 0: it never is"
+        1.0, "if the time to contact is below this, a smaller response is enough; 0: never"
     )
     contact_share: float = parameter(
         0.1, "below contact_s, evidence is the response divided by this", low=1e-3, high=1

@@ -143,7 +143,7 @@ class OpplodParams(DpcParams):
     sudden: float = parameter(
         0.15,
         "an alarm begins only if R without persistence, both now and one interval ago, is at least "
-        "this share of R; only with judgement=pooled; 0: it may begin",
+        "this share of R; only with judgement=pooled; 0: no such condition",
         low=0,
         high=1,
     )
@@ -205,7 +205,7 @@ class OpplodParams(DpcParams):
     interpolated: str = parameter(
         "both",
         "OppLoD also sees pictures between frames 1.7 to 6.7 intervals apart, interpolated from "
-        "both frames or from the earlier one; none: it does not",
+        "both frames or from the earlier one; none: no such pictures",
         choices=INTERPOLATED,
     )
     cone: float = parameter(

@@ -166,7 +166,7 @@ def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
             PlaceParams,
         ),
         "rmo": ("radial motion opponency of motion vectors", RmoParams),
-        "repeats": ("repeats: frames that show the picture before again", RepeatParams),
+        "repeats": ("repeats: frames that show the same picture as the frame before", RepeatParams),
         "time": ("the time base of the models", TimeParams),
     }
 
