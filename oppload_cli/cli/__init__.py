@@ -41,7 +41,6 @@ if sys.platform != "win32":
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from matplotlib.figure import Figure
     from tqdm import tqdm
 
 
@@ -339,21 +338,6 @@ def check_display() -> None:
         raise ParameterError(
             "--show needs a display, and this machine has none; leave it out, and open the file "
             "elsewhere"
-        )
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Save a figure; say which of its characters are boxes, because no font has them."""
-    from matplotlib import get_cachedir
-
-    from oppload_cli.plots import style
-
-    style.save(figure, path)
-    if missing := style.missing_characters(figure):
-        say(
-            f"oppload: {path}: no font has {missing}, so that the figure shows boxes; install a "
-            f"font that has them, such as Noto Sans CJK, and remove {get_cachedir()}, where "
-            "matplotlib keeps its list of fonts"
         )
 
 

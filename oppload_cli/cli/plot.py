@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 import oppload_cli as oppload
-from oppload_cli.cli import check_display, options, save_figure, say, show_file
+from oppload_cli.cli import check_display, options, say, show_file
 from oppload_cli.errors import (
     ExitCode,
     ParameterError,
@@ -156,8 +156,8 @@ def plot(
             _leave_out(error, failures)
             continue
         target = output or _beside(group[0], *kinds[group[0]])
-        save_figure(figure, target)
-        for line in lines:
+        remarks = [f"oppload: {remark}" for remark in style.save(figure, target)]
+        for line in [*remarks, *lines]:
             say(line)
         click.echo(target)
         if show:

@@ -10,7 +10,7 @@ import click
 
 import oppload_cli as oppload
 from oppload_cli import stimulus as stimuli
-from oppload_cli.cli import options, progress_bar, save_figure, say
+from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.cli.stimuli import say_remarks
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.files.atomic import PartFile, claimed, refuse_existing
@@ -118,7 +118,7 @@ def _run(
     quiet: bool,
 ) -> Sequence[Path]:
     """Measure a sweep; write the table, the sidecar and the plot, and return their paths."""
-    from oppload_cli.plots import tuning
+    from oppload_cli.plots import style, tuning
     from oppload_cli.results.table import write_sidecar
     from oppload_cli.tuning.run import doubts_about, tune, tuning_sidecar, write_tuning
 
@@ -140,7 +140,8 @@ def _run(
         write_sidecar(sidecar_path, sidecar | {"summary": tuning.summary_of(measured)})
         lines = tuning.lines_of([measured])
         for plot_path in plot_paths:
-            save_figure(oppload.plot_tuning(measured)[0], plot_path)
+            for remark in style.save(oppload.plot_tuning(measured)[0], plot_path):
+                say(f"oppload: {remark}")
     except ResultError as error:
         if plot_paths:
             say(f"oppload: no plot: {error}")

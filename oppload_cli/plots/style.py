@@ -14,7 +14,7 @@ from itertools import takewhile
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from matplotlib import style
+from matplotlib import get_cachedir, style
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font, get_font_names
@@ -307,8 +307,8 @@ def norm_of(values: NDArray[np.float64]) -> Normalize:
     return Normalize(0, largest)
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Save a figure in the format of its suffix.
+def save(figure: Figure, path: Path) -> list[str]:
+    """Save a figure in the format of its suffix; return remarks on it, in sentences.
 
     Raises
     ------
@@ -319,6 +319,14 @@ def save(figure: Figure, path: Path) -> None:
     """
     check_suffix(path)
     write_atomic(path, image_bytes(figure, path.suffix.lower().removeprefix(".")))
+    missing = missing_characters(figure)
+    if not missing:
+        return []
+    return [
+        f"{path}: no font has {missing}, so that the figure shows boxes; install a font that has "
+        f"them, such as Noto Sans CJK, and remove {get_cachedir()}, where matplotlib keeps its "
+        "list of fonts"
+    ]
 
 
 def image_bytes(figure: Figure, form: str, dpi: float | None = None) -> bytes:
