@@ -80,8 +80,8 @@ class ArrayLuminance:
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-class _PictureSource(ABC):
-    """Base of sources whose pictures are computed or in memory, with the interface of `Video`."""
+class _VideoInMemory(ABC):
+    """Base of videos whose pictures are computed or in memory, with the interface of `Video`."""
 
     def __init__(self, facts: InputFacts, height: int | None) -> None:
         self.facts = facts
@@ -108,7 +108,7 @@ class _PictureSource(ABC):
         """Yield each picture with its presentation time in seconds."""
 
 
-class StimulusVideo(_PictureSource):
+class StimulusVideo(_VideoInMemory):
     """The frames of a stimulus at the working size, like those of an open video.
 
     `height` is the working height in pixels; None keeps the native size. The stimulus is shown
@@ -127,7 +127,7 @@ class StimulusVideo(_PictureSource):
                 yield self.protocol.time_of(first + shown.index), shown.grey
 
 
-class _ArrayVideo(_PictureSource):
+class _ArrayVideo(_VideoInMemory):
     """The frames of an array; the parameters and errors are those of :func:`open_source`."""
 
     def __init__(
