@@ -93,6 +93,17 @@ def test_every_value_is_that_of_the_literal_version(name: str, kind: str) -> Non
         assert peak(found) > 0
 
 
+@pytest.mark.parametrize("name", ["lgmd1_single", "lgmd1_onoff", "lgmd2", "lgmd_plus"])
+def test_every_value_at_another_frame_rate(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Delays are in ms; LGMD2's path of brightening is silent at 30 frames per second."""
+    frames, kind = scene("bright"), detector_named(name)
+    model = kind(frames[0].shape, frame_rate=120)
+    monkeypatch.setattr(literal, "TI", 8)
+    found = [model.step(light(each)) for each in frames]
+    assert_equal(found, getattr(literal, name)(frames))
+    assert peak(found) > 0
+
+
 @pytest.mark.parametrize(
     ("name", "params", "expected"),
     [
