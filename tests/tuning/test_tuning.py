@@ -393,7 +393,7 @@ def test_a_range_ends_at_its_end_although_its_steps_are_rounded() -> None:
 
 @pytest.mark.parametrize("values", ["", "a,b", "0:10", "0:10:0", "0:inf:1", "["])
 def test_values_that_cannot_be_read(values: str) -> None:
-    with pytest.raises(ParameterError, match="its values cannot be read; write 10,20,40"):
+    with pytest.raises(ParameterError, match="cannot be read; write values such as 10,20,40"):
         swept("klapoetke2017/loom-speed", [f"speed={values}"])
 
 
@@ -422,7 +422,7 @@ def test_a_sweep_of_the_seed_shows_other_noise() -> None:
     ("stimulus", "over", "message"),
     [
         ("klapoetke2017/loom", [], "has no sweep of its own; give one"),
-        ("klapoetke2017/loom", ["size"], "has no values of its own for 'disk.size_deg'"),
+        ("klapoetke2017/loom", ["size"], "for 'disk.size_deg'; write --over size=VALUES, with"),
         ("klapoetke2017/loom", ["sped=1,2"], r"no parameter 'sped'; did you mean 'speed'\?$"),
         ("klapoetke2017/loom", ["noise=0,1"], r"'noise'; did you mean 'effects\.noise'\?$"),
         ("klapoetke2017/loom", ["before=0,1"], r"'before'; did you mean 'timing\.before_s'\?$"),
