@@ -290,8 +290,10 @@ def key_of(
         return word
     if word not in WORDS:
         words = (*WORDS, _SEED)
-        hint = _full_keys(word, table) or suggestion(word, words)
-        hint += "" if "did you mean" in hint else ", or a key such as ID.size_deg"
+        hint = _full_keys(word, table)
+        if not hint:
+            more = "" if nearest(word, words) else ", or a key such as ID.size_deg"
+            hint = suggestion(word, words) + more
         raise ParameterError(f"{option} {word}: no parameter '{word}'{hint}")
     keys = _meant(word, table, sweep)
     if len(keys) == 1:
