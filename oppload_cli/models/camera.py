@@ -201,8 +201,11 @@ _LEAST_TEXTURED = 1 / 4  # least share of the cells that have texture
 _FITS = 5  # number of fits, each with the weights that follow from the fit before
 _LEAST_SPREAD = 0.15  # px; errors of the flow of this size do not lower a weight
 _LEAST_MOTION_PX = 0.25  # of a reduced frame; less motion in an interval is left in the picture
-# In at least half of the cells with texture, the motion must leave less than 0.8 of the change.
-_REMAINING, _LEAST_EXPLAINED = 0.8, 1 / 2
+# The motion explains a cell with texture if it leaves less than 0.8 of the change there.
+_REMAINING = 0.8
+# Shares of the cells that it explains, up to which none and from which all of the motion is the
+# view's. With one limit instead, rounding in one cell can decide whether the view moves.
+_NONE_EXPLAINED, _ALL_EXPLAINED = 0.35, 0.65
 _MOST_FRAMES = 16  # frames per interval; at higher frame rates the view is compared sooner
 
 
@@ -212,8 +215,8 @@ class SteadyView:
     A camera that pans, shakes or rolls moves the picture of everything. The motion of the ground
     then inhibits the response to an object that approaches. This class fits a shift, a turn and a
     growth of the complete picture to the optical flow from one interval ago. If they explain the
-    change of most cells, the shift and the turn are the motion of the view. The growth is not: an
-    object that fills the picture grows too.
+    change of most cells, the shift and the turn are the motion of the view; if they explain that of
+    about half, a part of them. The growth is not: an object that fills the picture grows too.
 
     Source: ``docs/default-equations.md``; for the flow (dense inverse search) Kroeger et al. 2016.
     """
@@ -256,14 +259,14 @@ def view_motion(before: Grey, now: Grey) -> Motion | None:
     y, x = np.mgrid[: textured.shape[0], : textured.shape[1]] * _FLOW_CELL + (_FLOW_CELL - 1) / 2
     vectors = _cell_means(flow)[textured].astype(np.float64) @ (1, 1j)
     shift, factor = fitted_motion((x + 1j * y - middle)[textured], vectors)
-    turn = cmath.rect(1, cmath.phase(factor))
-    if abs(shift) + abs(turn - 1) * abs(middle) < _LEAST_MOTION_PX:
+    turn = cmath.phase(factor)
+    if abs(shift) + abs(cmath.rect(1, turn) - 1) * abs(middle) < _LEAST_MOTION_PX:
         return None
     seen = seen_from(before, _matrix(shift, factor, middle), 0)
     remaining, change = (_cell_means(cv2.absdiff(now, each))[textured] for each in (seen, before))
-    if np.mean(remaining < _REMAINING * change) < _LEAST_EXPLAINED:
-        return None
-    return _matrix(shift, turn, middle)
+    explained = np.mean(remaining < _REMAINING * change)
+    share = float(np.interp(explained, (_NONE_EXPLAINED, _ALL_EXPLAINED), (0, 1)))
+    return _matrix(share * shift, cmath.rect(1, share * turn), middle) if share else None
 
 
 def fitted_motion(places: Complex, flow: Complex) -> tuple[complex, complex]:

@@ -134,14 +134,14 @@ def view_motion(before: Array, now: Array) -> Array:
         fitted = np.linalg.lstsq(equations, root * f, rcond=None)[0]
         shift, change = complex(fitted[0]), complex(fitted[1])
     factor = 1 + change
-    turn = factor / abs(factor)
-    if abs(shift) + abs(turn - 1) * abs(middle) < 0.25:
+    if abs(shift) + abs(factor / abs(factor) - 1) * abs(middle) < 0.25:
         return still
     seen = warped(before, matrix(shift, factor, middle), 0, cv2.INTER_CUBIC)
     left, changed = (
         np.rint(cell_means(cv2.absdiff(now, each), 6)[textured]) for each in (seen, before)
     )
-    return matrix(shift, turn, middle) if np.mean(left < 0.8 * changed) >= 1 / 2 else still
+    w = min(1.0, max(0.0, (float(np.mean(left < 0.8 * changed)) - 0.35) / 0.3))
+    return matrix(w * shift, (factor / abs(factor)) ** w, middle)
 
 
 def enlarged(motion: Array, times: float) -> Array:

@@ -374,19 +374,21 @@ def test_less_than_a_quarter_of_a_pixel_is_no_motion(shift: float, moves: bool) 
 
 
 @pytest.mark.parametrize(
-    ("contrast", "plain", "noise", "other", "moves"),
+    ("contrast", "plain", "noise", "other", "share"),
     [
-        (0.25, 0, 0, 0, True),  # half of the cells have texture
-        (0.2, 0, 0, 0, False),  # a fifth of them
-        (0.6, 0.65, 0, 0, True),
-        (0.6, 0.85, 0, 0, False),
-        (0.6, 0, 0.02, 0, True),  # the motion leaves two thirds of the change, as a median
-        (0.6, 0, 0.03, 0, False),  # it leaves 0.8
-        (0.6, 0, 0, 0.4, True),
+        (0.25, 0, 0, 0, 1),  # half of the cells have texture
+        (0.2, 0, 0, 0, 0),  # a fifth of them
+        (0.6, 0.65, 0, 0, 1),
+        (0.6, 0.85, 0, 0, 0),
+        (0.6, 0, 0.02, 0, 1),  # the motion leaves two thirds of the change, as a median
+        (0.6, 0, 0.028, 0, 0.63),
+        (0.6, 0, 0.03, 0, 0.43),  # it leaves 0.8
+        (0.6, 0, 0.05, 0, 0),
+        (0.6, 0, 0, 0.4, 0.8),
     ],
 )
-def test_the_motion_must_explain_the_change_of_half_of_the_cells_with_texture(
-    contrast: float, plain: float, noise: float, other: float, moves: bool
+def test_the_share_of_the_motion_follows_from_the_cells_that_it_explains(
+    contrast: float, plain: float, noise: float, other: float, share: float
 ) -> None:
     """The view moves by 2 px; shares of the width are plain, or show an object that moves by 6."""
     random, shown = np.random.default_rng(1), []
@@ -397,9 +399,24 @@ def test_the_motion_must_explain_the_change_of_half_of_the_cells_with_texture(
         luma[:, :width] = np.roll(scene(3), -6 * t, 1)[:, :width]
         shown.append(grey(np.asarray(luma, np.float32)))
     found = view_motion(*shown)
-    assert (found is not None) == moves
+    assert (found is not None) == (share > 0)
     if found is not None:
-        np.testing.assert_allclose(found[:2], [[1, 0, -2], [0, 1, 0]], atol=0.2)
+        expected = np.array([[1, 0, -2 * share], [0, 1, 0]])
+        np.testing.assert_allclose(found[:2], expected, atol=0.2)
+
+
+@pytest.mark.parametrize(("noise", "degrees"), [(0.02, 2.8), (0.04, 1.6), (0.05, 0.67), (0.08, 0)])
+def test_a_turn_of_3_degrees_has_the_share_that_it_explains(noise: float, degrees: float) -> None:
+    random = np.random.default_rng(1)
+    frames = [
+        grey(np.asarray(each + random.normal(0, noise, each.shape), np.float32))
+        for each in views([(0, 0, 0), (0, 0, 3)])
+    ]
+    found = view_motion(*frames)
+    assert (found is not None) == (degrees > 0)
+    if found is not None:
+        assert np.degrees(np.arctan2(found[1, 0], found[0, 0])) == pytest.approx(degrees, abs=0.1)
+        assert np.hypot(*found[0, :2]) == pytest.approx(1, abs=1e-9)
 
 
 def test_p_leaves_the_motion_of_the_view_out() -> None:

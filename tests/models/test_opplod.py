@@ -66,7 +66,8 @@ def test_pooled_opponency_agrees_with_the_literal_reference(
 
 
 @pytest.mark.parametrize(
-    ("params", "stride"), [(REFERENCE, 1), (DEFAULT.replaced(entering=0, residual_noise=0), 2)]
+    ("params", "stride"),
+    [(REFERENCE, 1), (DEFAULT.replaced(entering=0, residual_noise=0, steady_view=False), 2)],
 )
 def test_pathways_agree_with_the_literal_reference(params: OpplodParams, stride: int) -> None:
     rng = np.random.default_rng(6)
