@@ -5,7 +5,7 @@
     python -m benchmarks.places --roll           # staged approaches seen by a camera that rolls
     python -m benchmarks.places --vibration      # the same, a rolling shutter that vibrates
     python -m benchmarks.places --flicker        # the same, a rolling shutter in flickering light
-    python -m benchmarks.places --arrival        # the same, with the times at which frames arrive
+    python -m benchmarks.places --arrival        # the same, frames with times of arrival
     python -m benchmarks.places --cost FOLDER    # processor time
 
 All but the last use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv`` and
@@ -34,6 +34,7 @@ from oppload_cli.evaluation.metrics.measures import overlap
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import ObjectTruth, contact_time, frame_truth
+from oppload_cli.video.arrivals import Arrivals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -50,14 +51,18 @@ LOOM = "klapoetke2017/loom-l-over-v"
 L_OVER_V = "disk.growth.l_over_v_ms"
 STAGED = "staged/collision"
 RATE = 30  # of the staged approaches, in frames/s
-PAIRS = "two at a time"
+PAIRS = -1  # stands for frames that arrive two at a time
+FINE_RATE = 120  # frames/s of the pictures of which cameras take some
 ROLLS = 0, 15, 30, 60, 120  # deg/s
 VIBRATIONS = 0, 0.25, 0.5, 1, 2, 4  # amplitudes in px of 240 rows
-DELAYS = 0, 0.003, 0.01, 0.03, PAIRS  # largest delay in s of a frame on its way
+DELAYS = 0.003, 0.01, 0.03  # largest delay in s of a frame on its way
 DEPTHS = 0, 0.05, 0.1, 0.2, 0.3  # of flicker, from its darkest to its brightest moment
 # READOUT_S is the time from the first row of a rolling shutter to the last.
 VIBRATION_HZ, FLICKER_HZ, READOUT_S = 37, 100, 0.02
 ASIDE = {"disk.centre_deg": [12, -9], "disk.growth.most_deg": 40}
+HEAD = (
+    "| {} | with an alarm | lead | given | median error | within 20 % |\n|---|---|---|---|---|---|"
+)
 CONDITIONS: list[tuple[str, str, dict[str, Any]]] = [
     *((f"disk, l/v {ms} ms", LOOM, {L_OVER_V: ms}) for ms in (20, 30, 40, 60, 80, 100)),
     *((f"aside, l/v {ms} ms", LOOM, {L_OVER_V: ms, **ASIDE}) for ms in (20, 40, 60, 100)),
@@ -210,62 +215,122 @@ def _banded(frames: Sequence[NDArray[np.float32]], depth: float) -> NDArray[np.f
     return shown
 
 
-def _arrivals(count: int, delay: float | str) -> list[float]:
-    """Return the times at which frames arrive with delays of up to `delay` s, or in pairs."""
-    number = np.arange(count)
-    if isinstance(delay, str):
-        times = number // 2 * 2 / RATE + number % 2 * 0.002
-    else:
-        late = np.random.default_rng(0).uniform(0, delay, count)
-        # No frame overtakes another.
-        times = np.maximum.accumulate(number / RATE + late) + number * 1e-6
-    return [float(time) for time in times]
+@dataclass
+class _Approaches:
+    """The alarms and times to contact of several approaches."""
+
+    count: int = 0
+    frames: int = 0  # in the last half second
+    leads: list[float] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
+
+    def add(
+        self,
+        contact_s: float,
+        taken: list[float],
+        shown: NDArray[np.float32],
+        times: list[float],
+        preset: str,
+    ) -> None:
+        """Analyse an approach whose frames were `taken` at other times than the stated `times`."""
+        self.count += 1
+        params = [parameters_of("opplod", preset)]
+        records = analyse(shown, params, times=times, height=240, preset=preset, rmo=False)
+        alarm = False
+        for time_s, record in zip(taken, records, strict=True):
+            left_s = contact_s - time_s
+            if record.alarms["opplod"] and not alarm:
+                alarm = True
+                self.leads += [left_s] if left_s > 0 else []
+            if 0 < left_s <= LAST_S:
+                self.frames += 1
+                found = record.objects["opplod"]
+                if found and found.time_to_contact_s:
+                    self.errors.append(abs(found.time_to_contact_s / left_s - 1))
+
+    def row(self, name: str) -> str:
+        """Return a line of the table."""
+        cells = [
+            name,
+            f"{len(self.leads)} of {self.count}",
+            f"{statistics.median(self.leads):.2f} s",
+            f"{len(self.errors)} of {self.frames}",
+            f"{100 * statistics.median(self.errors):.1f} %",
+            f"{sum(error <= 0.2 for error in self.errors)}",
+        ]
+        return f"| {' | '.join(cells)} |"
 
 
 def _view_table(
     title: str,
-    view: Callable[[Sequence[NDArray[np.float32]], float], NDArray[np.float32]] | None,
-    sizes: Sequence[float | str],
+    view: Callable[[Sequence[NDArray[np.float32]], float], NDArray[np.float32]],
+    sizes: Sequence[float],
     preset: str,
 ) -> Iterator[str]:
-    """Yield the table of staged approaches seen by a camera with a disturbance of several sizes.
-
-    The disturbance is of the pictures, by `view`, or, without it, of their times, by `_arrivals`.
-    """
-    params = [parameters_of("opplod", preset)]
+    """Yield the table of staged approaches seen by a camera with a disturbance of several sizes."""
     approaches = []
     for protocol in stimulus.load_all(STAGED)[::3]:
         video = StimulusVideo(protocol, 240)
         approaches.append((contact_time(protocol) or 0.0, [frame.luma for frame in video]))
-    yield f"| {title} | with an alarm | lead | given | median error | within 20 % |"
-    yield "|---|---|---|---|---|---|"
+    yield HEAD.format(title)
     for size in sizes:
-        leads, errors, count = [], [], 0
+        row = _Approaches()
         for contact_s, frames in approaches:
-            taken = [number / RATE for number in range(len(frames))]
-            shown = view(frames, float(size)) if view else np.array(frames, np.float32)
-            times = taken if view else _arrivals(len(frames), size)
-            analysed = analyse(shown, params, times=times, height=240, preset=preset, rmo=False)
-            records = list(analysed)
-            before = [contact_s - time_s for time_s in taken]
-            leads += [s for s, each in zip(before, records, strict=True) if each.alarms["opplod"]][
-                :1
-            ]
-            for left_s, record in zip(before, records, strict=True):
-                count += 0 < left_s <= LAST_S
-                found = record.objects["opplod"]
-                if found and found.time_to_contact_s and 0 < left_s <= LAST_S:
-                    errors.append(abs(found.time_to_contact_s / left_s - 1))
-        leads = [lead for lead in leads if lead > 0]
-        cells = [
-            str(size),
-            f"{len(leads)} of {len(approaches)}",
-            f"{statistics.median(leads):.2f} s",
-            f"{len(errors)} of {count}",
-            f"{100 * statistics.median(errors):.1f} %",
-            f"{sum(error <= 0.2 for error in errors)}",
-        ]
-        yield f"| {' | '.join(cells)} |"
+            times = [number / RATE for number in range(len(frames))]
+            row.add(contact_s, times, view(frames, size), times, preset)
+        yield row.row(str(size))
+
+
+def _cameras(count: int) -> dict[str, tuple[NDArray[np.int64], float]]:
+    """Return which of `count` pictures at `FINE_RATE` a camera takes, and how late they arrive."""
+    rng, every = np.random.default_rng(0), np.arange(0, count, FINE_RATE // RATE)
+    middle, half_s = every[len(every) // 2], FINE_RATE // 2
+    uneven = np.cumsum(rng.integers(3, 7, count))
+    irregular = {
+        "a tenth lost": every[rng.random(len(every)) >= 0.1],
+        "half the rate from the middle on": every[(every < middle) | (every % 8 == 0)],
+        "1 s lost in the middle": every[abs(every - middle) > half_s],
+        "steps of 25 to 50 ms": uneven[uneven < count],
+    }
+    return {
+        "no delays": (every, 0),
+        **{f"delays up to {1000 * each:g} ms": (every, each) for each in DELAYS},
+        "two at a time": (every, PAIRS),
+        "15 frames/s, up to 30 ms": (every[::2], 0.03),
+        "60 frames/s, up to 30 ms": (np.arange(0, count, FINE_RATE // 60), 0.03),
+        **{name: (taken, 0) for name, taken in irregular.items()},
+        **{f"{name}, up to 10 ms": (taken, 0.01) for name, taken in irregular.items()},
+    }
+
+
+def _arrivals(taken: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
+    """Return the times at which frames arrive with delays of up to `delay` s, or in pairs."""
+    number = np.arange(len(taken))
+    if delay == PAIRS:
+        return taken[number // 2 * 2] + number % 2 * 0.002
+    late = np.random.default_rng(0).uniform(0, delay, len(taken))
+    # No frame overtakes another.
+    return np.asarray(np.maximum.accumulate(taken + late) + number * 1e-6)
+
+
+def _arrival_table(preset: str) -> Iterator[str]:
+    """Yield the table of staged approaches: times of arrival, as they are and smoothed."""
+    found: dict[tuple[str, str], _Approaches] = {}
+    for protocol in stimulus.load_all(STAGED, {"display.frame_rate": FINE_RATE})[::3]:
+        contact_s = contact_time(protocol) or 0.0
+        pictures = [frame.luma for frame in StimulusVideo(protocol, 240)]
+        for name, (indices, delay) in _cameras(len(pictures)).items():
+            shown, taken = np.array([pictures[index] for index in indices]), indices / FINE_RATE
+            arrived, clock = _arrivals(taken, delay).tolist(), Arrivals()
+            for kind, times in (
+                ("", arrived),
+                ("smoothed", [clock.step(each) for each in arrived]),
+            ):
+                row = found.setdefault((name, kind), _Approaches())
+                row.add(contact_s, taken.tolist(), shown, times, preset)
+    yield HEAD.format("times of arrival")
+    for (name, kind), row in found.items():
+        yield row.row(f"{name} {kind}")
 
 
 def _localisation(folder: Path, preset: str) -> Iterator[str]:
@@ -412,7 +477,7 @@ def main() -> None:
     elif arguments.flicker:
         table = _view_table("depth", _banded, DEPTHS, arguments.preset)
     elif arguments.arrival:
-        table = _view_table("delay, s", None, DELAYS, arguments.preset)
+        table = _arrival_table(arguments.preset)
     elif arguments.cost:
         table = _cost(arguments.cost)
     else:

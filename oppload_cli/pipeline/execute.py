@@ -457,7 +457,7 @@ class _Run:
                 "complete": decode.complete,
                 "messages": decode.messages,
             },
-            "time": self.video.times.as_dict(),
+            "time": {**self.video.times.as_dict(), "smoothed_arrivals": decode.smoothed},
             "threads": {
                 "decoder": decode.threads,
                 "decoder_apart": decode.own_process,

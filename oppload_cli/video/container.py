@@ -22,6 +22,7 @@ from av.video.reformatter import ColorTrc
 from oppload_cli.errors import SourceError, cannot_read, counted, reason_of, without_login
 from oppload_cli.files.reading import is_file
 from oppload_cli.processes import cores
+from oppload_cli.video.arrivals import Arrivals
 from oppload_cli.video.declared import (
     declared_end,
     declared_frames,
@@ -119,6 +120,7 @@ class ContainerSource(PictureSource):
         self._remote = "://" in name
         self._only_once = self._remote or not is_file(name)  # a stream or a pipe
         self._arrived_s = 0.0  # when the latest packet came
+        self._arrivals = Arrivals()
         self._threads = threads
         self._container = self._opened()
         try:
@@ -502,7 +504,9 @@ class ContainerSource(PictureSource):
     def _time(self, frame: VideoFrame, index: int) -> float:
         """Return the presentation time minus that of the first frame, in seconds."""
         if self._is_live:
-            return self._arrived_s - self._first_arrived_s
+            time_s = self._arrivals.step(self._arrived_s - self._first_arrived_s)
+            self.decode.smoothed = self._arrivals.smoothed
+            return time_s
         now, first = self._clock(frame), self._clock(self._first)
         if now is not None and first is not None and self._stream.time_base:
             base = self._stream.time_base
@@ -514,7 +518,7 @@ class ContainerSource(PictureSource):
 
     @property
     def _is_live(self) -> bool:
-        """Whether the time of a frame is that of its arrival, as there is no other."""
+        """Whether the time of a frame follows from its arrival, as there is no other."""
         return self._remote and self._container.format.name == _LIVE_FORMAT
 
     def _clock(self, frame: VideoFrame) -> int | None:

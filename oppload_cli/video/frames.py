@@ -158,6 +158,7 @@ class DecodeFacts:
     corrupt: int = 0  # frames that the decoder marked as damaged
     missing: int = 0  # declared frames that never came, as far as it is known
     dropped: int = 0  # frames of an input in real time that waited too long to be analysed
+    smoothed: int = 0  # frames whose time is not that of their arrival, but was estimated from it
     messages: list[str] = field(default_factory=list)  # reasons of the first five faults
     threads: int = 1  # of the decoder
     own_process: bool = False  # whether a separate process decoded

@@ -20,6 +20,7 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from oppload_cli.errors import SourceError, reason_of
+from oppload_cli.video.arrivals import Arrivals
 from oppload_cli.video.frames import (
     MAX_PIXELS,
     USUAL_RATE,
@@ -282,8 +283,9 @@ class CameraSource(PictureSource):
     def pictures(self) -> Iterator[Picture]:
         """Yield pictures as they come.
 
-        The time of a picture is when the driver took it, or else when it arrived.
+        The time of a picture is when the driver took it, or else follows from its arrival.
         """
+        arrivals = Arrivals()
         start = time.perf_counter()  # `monotonic` has steps of 16 ms on Windows
         taken_s = self._first_taken_s
         colour: Colour | None = self._first
@@ -291,13 +293,15 @@ class CameraSource(PictureSource):
             index = self.decode.decoded
             self.decode.decoded += 1
             now_s, before_s, taken_s = time.perf_counter(), taken_s, self._taken_s()
-            time_s = now_s - start if index else 0.0
+            time_s = arrivals.step(now_s - start if index else 0.0)
             # Pictures that waited in the driver arrive late, several at a time. But a driver may
             # have no clock, or one with another unit.
             since_first_s = taken_s - self._first_taken_s
             late_s = now_s - self._first_read_s - since_first_s
             if taken_s > before_s and abs(late_s) < _MOST_LATE_S:
                 time_s = since_first_s
+            else:
+                self.decode.smoothed = arrivals.smoothed
             yield Picture(index, time_s, _grey(colour), original=colour)
             colour = self._picture()
             if colour is None and (colour := self._picture_after_failure()) is not None:

@@ -19,9 +19,10 @@ from PIL import Image
 
 from oppload_cli.errors import SourceError
 from oppload_cli.video import images
+from oppload_cli.video.images import CameraSource
 from oppload_cli.video.inputs import Span
 from oppload_cli.video.opening import Opening
-from oppload_cli.video.source import open_video
+from oppload_cli.video.source import Video, open_video
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 
@@ -355,6 +356,26 @@ def test_pictures_have_the_times_at_which_the_driver_took_them(
     with open_video("camera:0", height=24) as video:
         clock.sleep(0.3)
         assert [frame.time_s for frame in video] == pytest.approx(times)
+
+
+def test_pictures_of_a_driver_without_a_clock_that_come_in_pairs_have_times_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = Clock()
+
+    class Paired(FakeCamera):
+        count = 60
+
+        def read(self) -> tuple[bool, Any]:
+            clock.sleep(0.06 if self.remaining % 2 else 0.002)
+            return super().read()
+
+    use(Paired, monkeypatch)
+    monkeypatch.setattr(images, "time", clock)
+    with Video(CameraSource("camera:0"), 24, Span(), ahead=False) as video:
+        times = [frame.time_s for frame in video]
+    assert np.diff(times)[30:] == pytest.approx(0.031, rel=0.25)
+    assert 30 < video.decode.smoothed < 60
 
 
 def test_frames_that_come_faster_than_they_are_analysed_are_dropped(
