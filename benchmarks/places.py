@@ -1,6 +1,7 @@
 """Measure the places of looming objects: the figures of ``docs/places.md``.
 
     python -m benchmarks.places                  # on stimuli: focus, box, time to contact
+    python -m benchmarks.places --rates          # time to contact at low frame rates
     python -m benchmarks.places --clips FOLDER   # on labelled clips: winning unit and box
     python -m benchmarks.places --roll           # staged approaches seen by a camera that rolls
     python -m benchmarks.places --vibration      # the same, a rolling shutter that vibrates
@@ -53,6 +54,7 @@ STAGED = "staged/collision"
 RATE = 30  # of the staged approaches, in frames/s
 PAIRS = -1  # stands for frames that arrive two at a time
 FINE_RATE = 120  # frames/s of the pictures of which cameras take some
+LOW_RATES = range(10, 16)  # frames/s
 ROLLS = 0, 15, 30, 60, 120  # deg/s
 VIBRATIONS = 0, 0.25, 0.5, 1, 2, 4  # amplitudes in px of 240 rows
 DELAYS = 0.003, 0.01, 0.03  # largest delay in s of a frame on its way
@@ -177,6 +179,22 @@ def _contact_table(preset: str) -> Iterator[str]:
     yield everything.row("**all**")
     within, count = sum(everything.certain), len(everything.certain)
     yield f"true time within twice the error: {within} of {count}"
+
+
+def _rate_table(preset: str) -> Iterator[str]:
+    """Yield the table of looming disks at low frame rates; errors have a sign."""
+    yield "| l/v, ms | given | median error | true time within twice the error |"
+    yield "|---|---|---|---|"
+    for l_over_v in (20, 40, 60, 80, 100):
+        found = Measured()
+        for rate in LOW_RATES:
+            settings = {L_OVER_V: l_over_v, "display.frame_rate": rate}
+            one = measured(stimulus.load_all(LOOM, settings)[0], preset)
+            found.frames += one.frames
+            found.errors += one.errors
+            found.certain += one.certain
+        error, within = _percent(found.errors, statistics.median, "+"), sum(found.certain)
+        yield f"| {l_over_v} | {len(found.errors)} of {found.frames} | {error} | {within} |"
 
 
 def _rolled(frames: Sequence[NDArray[np.float32]], roll: float) -> NDArray[np.float32]:
@@ -461,6 +479,7 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--clips", type=Path, metavar="FOLDER")
+    parser.add_argument("--rates", action="store_true")
     parser.add_argument("--roll", action="store_true")
     parser.add_argument("--vibration", action="store_true")
     parser.add_argument("--flicker", action="store_true")
@@ -470,6 +489,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.clips:
         table = _localisation(arguments.clips, arguments.preset)
+    elif arguments.rates:
+        table = _rate_table(arguments.preset)
     elif arguments.roll:
         table = _view_table("roll, deg/s", _rolled, ROLLS, arguments.preset)
     elif arguments.vibration:
