@@ -433,7 +433,7 @@ def test_a_camera_that_goes_on_changes_no_count_after_the_end(
             return super().read()
 
     def stop(*_: object) -> None:
-        sleep(0.05)
+        sleep(0.3)  # so that more than 30 frames are dropped
         raise KeyboardInterrupt
 
     use(Endless, monkeypatch)
