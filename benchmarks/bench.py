@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
+import shutil
 import statistics
 import subprocess
 import sys
@@ -15,6 +17,7 @@ from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import av
@@ -42,6 +45,23 @@ if TYPE_CHECKING:
 RESULTS = Path(__file__).parent / "results"
 COMMAND = str(Path(sys.executable).with_name("oppload"))  # the command that users call
 LENGTHS = (600, 1800)  # frames of a run: the start-up is a smaller part of a longer run
+VIDEOS: list[Path] = []  # for the part "options", instead of a rendered scene
+SAVING = {
+    "defaults": "",
+    "--no-rmo": "--no-rmo",
+    "--model opplod": "--model opplod",
+    "both": "--no-rmo --model opplod",
+    "--preset reference": "--preset reference",
+    "without steady view": "--set opplod.steady_view=false",
+    "without noise filter": "--set opplod.residual_noise=0",
+    "--height 120": "--height 120",
+}
+STREAMS = {
+    "Y4M": ("rawvideo", "yuv4mpegpipe"),
+    "MJPEG in Matroska": ("mjpeg", "matroska"),
+    "H.264 in a transport stream": ("libx264", "mpegts"),
+    "H.264 without a container": ("libx264", "h264"),
+}
 
 
 # ---- Videos and frames, which follow from a seed ---------------------------------------------
@@ -267,6 +287,45 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
     )  # fmt: skip
 
 
+def _options(rounds: int) -> Iterator[_Measurement]:
+    """Measure the processor time of complete runs, and the share of it that options save."""
+    for path in VIDEOS or [_h264(1280, 720, LENGTHS[0])]:
+        costs: dict[str, list[float]] = {name: [] for name in SAVING}
+        begun = time.perf_counter()
+        for _ in range(rounds):
+            for name, words in SAVING.items():
+                with tempfile.TemporaryDirectory() as folder:
+                    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+                    references.run([COMMAND, "run", str(path), "-o", folder, "-q", *words.split()])
+                    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+                user_s, system_s = (
+                    after.ru_utime - before.ru_utime,
+                    after.ru_stime - before.ru_stime,
+                )
+                costs[name].append(user_s + system_s)
+        usual = costs.pop("defaults")
+        seconds = time.perf_counter() - begun
+        each_ms = [1e3 * cost / decoding.decode(path) for cost in usual]
+        yield _measurement(f"{path.name}: a frame", "", "", each_ms, "ms", seconds=seconds)
+        for name, own in costs.items():
+            saved = [100 * (1 - b / a) for a, b in zip(usual, own, strict=True)]
+            title = f"{path.name}: processor time saved, {name}"
+            yield _measurement(title, "", "", saved, "%", seconds=statistics.median(own))
+
+
+def _jobs(rounds: int) -> Iterator[_Measurement]:
+    """Measure many short clips in two processes against one."""
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(200):
+            shutil.copy(_h264(320, 240, 30), Path(folder) / f"{number}.mp4")
+        command = [*_run_command(Path(folder)), "--jobs"]
+        yield _ratio(
+            "200 clips of 30 frames, --jobs 2 against --jobs 1", "", "",
+            partial(references.run, [*command, "2"]), partial(references.run, [*command, "1"]),
+            rounds, faster=True,
+        )  # fmt: skip
+
+
 def _start(rounds: int) -> Iterator[_Measurement]:
     """Measure the start-up of the command."""
     helped, bare = _times(
@@ -352,6 +411,44 @@ def _live(_rounds: int) -> Iterator[_Measurement]:
     )  # fmt: skip
 
 
+def _latency(_rounds: int) -> Iterator[_Measurement]:
+    """Measure the time from writing a frame into a pipe to reading its row, at 30 frames/s."""
+    frames = [
+        av.VideoFrame.from_ndarray(image, format="bgr24").reformat(format="yuv420p")
+        for image in _scene(1280, 720, 150)
+    ]
+    for name, (codec, container) in STREAMS.items():
+        written: list[float] = []
+        read: list[float] = []
+        command = [COMMAND, "run", "/dev/stdin", "-o", "-", "-q"]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as run:
+            pipe: Any = run.stdin
+            reader = Thread(target=_note_lines, args=(run.stdout, read))
+            reader.start()
+            with pipe, av.open(pipe, "w", format=container) as out:
+                options = {"preset": "veryfast", "tune": "zerolatency"}
+                stream: Any = out.add_stream(codec, rate=30, options=options)
+                stream.width, stream.height = 1280, 720
+                stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+                packets = [stream.encode(frame.reformat(format=stream.pix_fmt)) for frame in frames]
+                begun = time.perf_counter()
+                for number, packet in enumerate(packets):
+                    time.sleep(max(0.0, begun + number / 30 - time.perf_counter()))
+                    written.append(time.perf_counter())
+                    out.mux(packet)
+                    pipe.flush()
+                out.mux(stream.encode())
+            reader.join()
+        # The first line holds the names of the columns; the first frames wait for the start.
+        late = [1e3 * (b - a) for a, b in zip(written, read[1:], strict=True)][60:]
+        yield _measurement(f"latency: {name}", "", "", late, "ms")
+
+
+def _note_lines(lines: Iterator[bytes], read: list[float]) -> None:
+    """Append the time at which each line can be read."""
+    read.extend(time.perf_counter() for _ in lines)
+
+
 PARTS: dict[str, Callable[[int], Iterator[_Measurement]]] = {
     "runs": _runs,
     "models": _models_alone,
@@ -360,6 +457,9 @@ PARTS: dict[str, Callable[[int], Iterator[_Measurement]]] = {
     "memory": _memory,
     "scaling": _scaling,
     "live": _live,
+    "options": _options,
+    "jobs": _jobs,
+    "latency": _latency,
 }
 
 
@@ -386,7 +486,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", choices=PARTS, action="append")
     parser.add_argument("--cores", type=int, help="use only this many cores")
+    parser.add_argument("--video", type=Path, action="append", help="for --only options")
     options = parser.parse_args()
+    VIDEOS.extend(options.video or [])
     if options.cores:
         os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[: options.cores]))
         cv2.setNumThreads(options.cores)
