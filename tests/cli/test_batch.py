@@ -10,7 +10,8 @@ import signal
 import subprocess
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,9 +27,6 @@ from tests.cli import process
 from tests.cli.inside import oppload, words_of
 from tests.media import grey_frames, write_film, write_video
 from tests.results.make import rows_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 FAST = ("--height", "48", "--no-rmo")
 
@@ -291,14 +289,9 @@ def started(films: Path, out: Path) -> subprocess.Popen[str]:
 
 def children(run: subprocess.Popen[str]) -> list[int]:
     """The processes that a run has started for its tasks."""
-    listed = subprocess.run(
-        ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(run.pid)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    rows = [line.split(None, 1) for line in listed.stdout.splitlines()]
-    return [int(pid) for pid, arguments in rows if "spawn_main" in arguments]
+    lists = Path("/proc", str(run.pid), "task").glob("*/children")  # one per thread
+    pids = [pid for listed in lists for pid in listed.read_text().split()]
+    return [int(pid) for pid in pids if b"spawn_main" in Path("/proc", pid, "cmdline").read_bytes()]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="lists processes as Linux does")
