@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import struct
+import tomllib
 import zipfile
 import zlib
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -13,9 +15,6 @@ pytest.importorskip("hatchling")
 
 from hatch_build import FOLDER, SUFFIXES, TARGETS
 from tools.dist import ELF, HEADERS, MACH_O, WrongWheelError, check_wheel
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def library(name: str) -> bytes:
@@ -70,3 +69,13 @@ def test_what_is_missing_or_cut_is_found(tmp_path: Path) -> None:
 def test_the_platforms_differ() -> None:
     assert {HEADERS[name][0] for name in ("linux-x86_64", "macos-arm64")} == {ELF, MACH_O}
     assert len({HEADERS[name] for name in TARGETS}) == len(TARGETS) == 5
+
+
+def test_the_conda_recipe_asks_for_the_same_libraries() -> None:
+    root = Path(__file__).parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    wanted = {f"python{project['requires-python']}", *project["dependencies"]}
+    others = {"matplotlib-base": "matplotlib", "py-opencv": "opencv-python-headless"}
+    recipe = (root / "conda" / "meta.yaml").read_text()
+    listed = re.findall(r"- (\S+) (\S+)", recipe.partition("  run:\n")[2].partition("\n\n")[0])
+    assert {others.get(name, name) + bounds for name, bounds in listed} == wanted
