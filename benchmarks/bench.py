@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 RESULTS = Path(__file__).parent / "results"
 COMMAND = str(Path(sys.executable).with_name("oppload"))  # the command that users call
 LENGTHS = (600, 1800)  # frames of a run: the start-up is a smaller part of a longer run
-VIDEOS: list[Path] = []  # for the part "options", instead of a rendered scene
 SAVING = {
     "defaults": "",
     "--no-rmo": "--no-rmo",
@@ -287,9 +286,9 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
     )  # fmt: skip
 
 
-def _options(rounds: int) -> Iterator[_Measurement]:
+def _options(rounds: int, videos: Sequence[Path] = ()) -> Iterator[_Measurement]:
     """Measure the processor time of complete runs, and the share of it that options save."""
-    for path in VIDEOS or [_h264(1280, 720, LENGTHS[0])]:
+    for path in videos or [_h264(1280, 720, LENGTHS[0])]:
         costs: dict[str, list[float]] = {name: [] for name in SAVING}
         begun = time.perf_counter()
         for _ in range(rounds):
@@ -486,15 +485,17 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", choices=PARTS, action="append")
     parser.add_argument("--cores", type=int, help="use only this many cores")
-    parser.add_argument("--video", type=Path, action="append", help="for --only options")
+    parser.add_argument(
+        "--video", type=Path, action="append", default=[], help="for --only options"
+    )
     options = parser.parse_args()
-    VIDEOS.extend(options.video or [])
+    parts = PARTS | {"options": partial(_options, videos=options.video)}
     if options.cores:
         os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[: options.cores]))
         cv2.setNumThreads(options.cores)
     measured = []
     for name in options.only or PARTS:
-        for each in PARTS[name](options.rounds):
+        for each in parts[name](options.rounds):
             print(f"{each.title}: {each.median:.3g} {each.unit}", flush=True)
             measured.append(each)
     machine = environment()
