@@ -36,7 +36,7 @@ _SPAN = 20  # a picture's even time uses the mean interval of the latest 20 pict
 _PULL = 0.1  # share of the way by which an even time moves into the frame before the picture
 _LEAST_SHARE = 0.05  # least share of repeats among all frames for a remark
 _STILL_S = 1.0  # a camera never gives exactly the same picture for so long
-_LEAST_RANGE = 0.04  # of luminance; with a smaller range a rendered approach causes no alarm
+_LEAST_RANGE = 0.04  # of luminance; with a smaller range rendered approaches alarm late or never
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,8 +185,8 @@ class Repeats:
         if self._brightest - self._darkest < _LEAST_RANGE and self._before_s >= _STILL_S:
             remarks.append(
                 f"all luminance lies between {self._darkest:.3f} and {self._brightest:.3f} of 0 "
-                "(black) to 1 (white), too little contrast for an alarm; give pictures that use "
-                "more of this range"
+                "(black) to 1 (white): with so little contrast an alarm comes late or never; give "
+                "pictures that use more of this range"
             )
         if pictures := self.pictures_per_s:
             about = in_digits(float(f"{pictures:.3g}"))

@@ -22,6 +22,8 @@ from oppload_cli import (
     RmoMetrics,
     analyse,
     open_video,
+    run,
+    stimulus,
 )
 from oppload_cli.errors import FrameError, ParameterError, SourceError
 from oppload_cli.models.bank import DetectorBank
@@ -553,6 +555,19 @@ def test_pictures_without_contrast_give_a_remark() -> None:
     assert scaled.remarks == []
     [remark] = raw.remarks
     assert remark.startswith("all luminance lies between 0.107 and 0.120 of 0 (black) to 1 (white)")
+
+
+@pytest.mark.once
+def test_with_little_contrast_an_alarm_comes_late_and_the_remark_says_so() -> None:
+    """Images of 12 bits in 16 use 0 to 1/16 of the range."""
+    protocol = stimulus.load("controls/looming-perspective")
+    grey = np.stack([each.grey for each in stimulus.frames(protocol)]).astype(np.uint16)
+    runs = [run(grey * scale, rate=60, models=["opplod"], rmo=False) for scale in (257, 8)]
+    full, little = (each.summary["opplod"]["first_alarm_time_s"] for each in runs)
+    assert full + 0.2 < little < 1.6  # the time of contact
+    assert runs[0].sidecar["remarks"] == []
+    [remark] = runs[1].sidecar["remarks"]
+    assert "0.031 of 0 (black) to 1 (white): with so little contrast an alarm comes late" in remark
 
 
 def test_colours_are_not_rounded_to_grey_of_8_bits() -> None:
