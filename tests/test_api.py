@@ -132,7 +132,11 @@ def test_a_source_of_ones_own_needs_facts_a_size_and_frames() -> None:
 
 
 def test_a_video_keeps_its_own_rate(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match="has times or a rate of its own; give a rate for an"):
+    told = (
+        "has times or a rate of its own; give a rate for an array or images only, and the frames "
+        "of slow motion as an array"
+    )
+    with pytest.raises(ParameterError, match=told):
         oppload.run(as_path(tmp_path), rate=60, **NATIVE)
     raw = write_video(tmp_path / "a.mjpeg", grey_frames(2), codec="mjpeg", pixel_format="yuvj420p")
     with pytest.raises(ParameterError, match="carries no times, so that 25 frames/s are assumed"):

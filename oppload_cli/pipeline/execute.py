@@ -338,7 +338,10 @@ class _Run:
             reason = images if facts.kind == "images" else stream
             yield f"{facts.frame_rate} frames/s are assumed, as {reason}"
         elif self._task.image_rate and facts.kind != "images":
-            yield "has times or a rate of its own: --image-rate has no effect on it"
+            yield (
+                "has times or a rate of its own: --image-rate has no effect on it; if they are "
+                "those of slow motion, write the video anew at its true rate"
+            )
         elif facts.kind == "images" and (rate := rate_beside(name)) not in {None, facts.frame_rate}:
             yield (
                 f"the rate given is {facts.frame_rate} frames/s, but that of the ground truth "

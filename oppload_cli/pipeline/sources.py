@@ -301,7 +301,10 @@ def open_source(
         image_rate = checked_rate(rate)
         with open_video(source, height=size, image_rate=image_rate) as video:
             if image_rate not in {None, video.facts.frame_rate}:
-                reason = "has times or a rate of its own; give a rate for an array or images only"
+                reason = (
+                    "has times or a rate of its own; give a rate for an array or images only, and "
+                    "the frames of slow motion as an array"
+                )
                 if video.facts.rate_assumed:
                     reason = (
                         f"carries no times, so that {video.facts.frame_rate} frames/s are assumed; "

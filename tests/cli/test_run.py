@@ -238,7 +238,10 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
     write_video(tmp_path / "video.avi", grey_frames(12))
     assumed = "frames: 30 frames/s are assumed, as images carry no times; --image-rate (in"
     stream = "raw.mjpeg: 25 frames/s are assumed, as the stream carries no times; put it into"
-    ignored = "video.avi: has times or a rate of its own: --image-rate has no effect on it"
+    ignored = (
+        "video.avi: has times or a rate of its own: --image-rate has no effect on it; if they are "
+        "those of slow motion, write the video anew at its true rate"
+    )
     write_video(tmp_path / "raw.mjpeg", grey_frames(4), codec="mjpeg", pixel_format="yuvj420p")
     words = ("-o", tmp_path, "--height", "48", "--no-rmo")
     for name, more, told in (
