@@ -88,7 +88,7 @@ def test_images_have_the_times_of_their_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = (PAGES / "images.md").read_text(encoding="utf-8")
-    (script,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    script, _ = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     (tmp_path / "cam0").mkdir()
     for number, time_ms in enumerate((0, 30, 95, 130, 160)):
         image = np.full((16, 24), 40 * number, np.uint8)
@@ -98,6 +98,30 @@ def test_images_have_the_times_of_their_names(
     with (tmp_path / "results" / "cam0.frames.csv").open() as table:
         times = [float(row["time_s"]) for row in csv.DictReader(table)]
     assert times == pytest.approx([0, 0.03, 0.095, 0.13, 0.16], abs=1e-6)
+
+
+def test_images_of_12_bits_have_the_times_of_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A change of two codes of 12 bits, which 8 bits do not hold, reaches the detectors."""
+    page = (PAGES / "images.md").read_text(encoding="utf-8")
+    _, script = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (tmp_path / "cam1").mkdir()
+    lines = []
+    for number, time_s in enumerate((7, 7.03, 7.095, 7.13, 7.16)):
+        image = np.full((16, 24), 2048 + 2 * (number % 2), np.uint16)
+        assert cv2.imwrite(str(tmp_path / "cam1" / f"img_{number}.tif"), image)
+        lines.append(f"{number}\t{time_s}\n")
+    (tmp_path / "cam1" / "times.txt").write_text("".join(lines))
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "images.md", "exec"), {})  # noqa: S102 - the page's own code
+    with (tmp_path / "results" / "cam1.frames.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    assert [float(row["time_s"]) for row in rows] == pytest.approx(
+        [0, 0.03, 0.095, 0.13, 0.16], abs=1e-6
+    )
+    share = (1 / 30) / 0.035  # of the step before, by which the change counts
+    assert float(rows[3]["luma_change"]) == pytest.approx(share * 2 * 16 / 65535, rel=1e-3)
 
 
 @pytest.mark.skipif(not shutil.which("bash"), reason="NOT TESTED: needs bash")
