@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from oppload_cli import run
 from oppload_cli.errors import FrameError, ParameterError
 from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.bank import DetectorBank
@@ -22,6 +23,7 @@ from oppload_cli.models.timebase import Clock, TimeParams, nearly_one, time_para
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.catalogue import load
+from oppload_cli.stimulus.renderer import frames
 from tests.media import disk
 from tests.presets import DEFAULT, LPLC2, REFERENCE
 
@@ -310,6 +312,29 @@ def test_a_looming_disk_has_the_same_peak_at_any_rate(name: str, rate: float, mo
         for each_rate in (rate, 30.0)
     )
     assert 1 / most <= here / there <= most
+
+
+@pytest.mark.parametrize("preset", ["reference", "default"])
+def test_a_shorter_interval_sees_faster_motion_as_1_30_s_sees_slower_motion(preset: str) -> None:
+    """The same frames at 3.3 times the rate, over 0.01 s; without adaptation, as it has seconds."""
+    display = {"display.frame_rate": 150, "display.width": 120, "display.height": 120}
+    slow = load("klapoetke2017/loom-l-over-v/l-over-v-40", display)
+    shown = np.stack([each.grey for each in frames(slow)])[150:]  # the second before contact
+    slower, faster = (
+        run(
+            shown,
+            rate=rate,
+            preset=preset,
+            settings={"time.interval": interval, "opplod.adaptation_level": 0},
+            height=120,
+            rmo=False,
+        ).summary
+        for rate, interval in ((150, 1 / 30), (500, 0.01))
+    )
+    for name in ("opplod", "dlgmd"):
+        assert slower[name]["peak"] > 0
+        assert faster[name]["peak_frame"] == slower[name]["peak_frame"]
+        assert faster[name]["peak"] == pytest.approx(slower[name]["peak"], rel=1e-6)
 
 
 @cache
