@@ -84,11 +84,16 @@ def test_the_callback_of_a_ros_topic_answers_to_its_images() -> None:
     assert abs(nearest.time_to_contact_s - 5 / 30) < 0.02
 
 
+def scripts_of(name: str) -> list[str]:
+    """Return the Python code of a page that no other test runs."""
+    page = (PAGES / name).read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+
+
 def test_images_have_the_times_of_their_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page = (PAGES / "images.md").read_text(encoding="utf-8")
-    script, _ = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    script, _ = scripts_of("images.md")
     (tmp_path / "cam0").mkdir()
     for number, time_ms in enumerate((0, 30, 95, 130, 160)):
         image = np.full((16, 24), 40 * number, np.uint8)
@@ -104,8 +109,7 @@ def test_images_of_12_bits_have_the_times_of_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A change of two codes of 12 bits, which 8 bits do not hold, reaches the detectors."""
-    page = (PAGES / "images.md").read_text(encoding="utf-8")
-    _, script = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    _, script = scripts_of("images.md")
     (tmp_path / "cam1").mkdir()
     lines = []
     for number, time_s in enumerate((7, 7.03, 7.095, 7.13, 7.16)):
