@@ -18,7 +18,7 @@ import oppload_cli as oppload
 from oppload_cli.errors import OutputError, ParameterError, ResultError, SourceError, StimulusError
 from oppload_cli.results.table import columns_for
 from tests.cli import inside
-from tests.media import grey_frames, looming, texture, write_video
+from tests.media import looming, texture, write_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -132,15 +132,22 @@ def test_a_source_of_ones_own_needs_facts_a_size_and_frames() -> None:
 
 
 def test_a_video_keeps_its_own_rate(tmp_path: Path) -> None:
-    told = (
-        "has times or a rate of its own; give a rate for an array or images only, and the frames "
-        "of slow motion as an array"
-    )
+    told = "has times or a rate of its own; rate is for an array or images; for slow motion"
     with pytest.raises(ParameterError, match=told):
         oppload.run(as_path(tmp_path), rate=60, **NATIVE)
-    raw = write_video(tmp_path / "a.mjpeg", grey_frames(2), codec="mjpeg", pixel_format="yuvj420p")
-    with pytest.raises(ParameterError, match="carries no times, so that 25 frames/s are assumed"):
-        oppload.run(raw, rate=60, **NATIVE)
+
+
+def test_a_video_in_slow_motion_has_the_times_of_its_true_rate(tmp_path: Path) -> None:
+    slow = as_path(tmp_path)
+    with oppload.open_video(slow, true_rate=Fraction(240)) as video:
+        result = oppload.run(video, **NATIVE)
+    expected = oppload.run(slow, **NATIVE).frames["time_s"] / 8
+    assert result.frames["time_s"].to_numpy() == pytest.approx(expected, abs=1e-8)
+    assert result.sidecar["input"]["rate_in_file"] == "30/1"
+    assert result.sidecar["remarks"][0] == (
+        "--true-rate (in Python true_rate) is 240 frames/s, and the rate of the file 30: all times "
+        "are those of the file divided by 8"
+    )
 
 
 def test_a_stimulus_may_be_named_and_keeps_its_truth(tmp_path: Path) -> None:

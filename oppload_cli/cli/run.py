@@ -50,6 +50,11 @@ from oppload_cli.video.opening import Opening, is_video_file
     help="Frames/s of images, which state no rate.  [default: that of their ground truth, or 30]",
 )
 @click.option(
+    "--true-rate",
+    metavar="HZ",
+    help="Frames/s that the camera took, of videos in slow motion.  [default: those of the file]",
+)
+@click.option(
     "--annotate", is_flag=True, help="Write NAME.annotated.mp4 too: boxes, responses and alarms."
 )
 @click.option(
@@ -84,6 +89,7 @@ def run(
     end: str | None,
     duration: str | None,
     image_rate: str | None,
+    true_rate: str | None,
     **others: Any,
 ) -> int:
     """Run looming detectors, by default OppLoD and D-LGMD, on videos, frame by frame.
@@ -99,20 +105,22 @@ def run(
     if not inputs and not own.files_from:
         raise click.UsageError("Missing argument 'INPUT...'; or give --files-from LIST")
     span = _span(start, end, duration)
-    rate = None if image_rate is None else _rate(image_rate)
+    rates = _rate("--image-rate", image_rate), _rate("--true-rate", true_rate)
     opening = None
     with ExitStack() as stack:
         if len(inputs) == 1 and not (own.annotate or own.for_many or own.dry_run):
-            opening = _begun(inputs[0], span, others)
+            opening = _begun(inputs[0], span, rates[1], others)
             if opening is not None:
                 stack.callback(opening.close)
         # Imported now, so that another process decodes the video while the detectors are loaded.
         from oppload_cli.cli.running import run_inputs
 
-        return run_inputs(inputs, own, others, span, rate, opening)
+        return run_inputs(inputs, own, others, span, rates, opening)
 
 
-def _begun(name: str, span: Span, settings: dict[str, Any]) -> Opening | None:
+def _begun(
+    name: str, span: Span, true_rate: Fraction | None, settings: dict[str, Any]
+) -> Opening | None:
     """Begin to decode a single video file.
 
     Return None for other inputs, and for a wrong setting, which `resolve` refuses later.
@@ -129,7 +137,7 @@ def _begun(name: str, span: Span, settings: dict[str, Any]) -> Opening | None:
         pixels = None if wanted == NATIVE else int(wanted)
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
-    return Opening(name, height=pixels, span=span, own_process=True)
+    return Opening(name, height=pixels, span=span, true_rate=true_rate, own_process=True)
 
 
 def _span(start: str | None, end: str | None, duration: str | None) -> Span:
@@ -153,14 +161,16 @@ def _position(option: str, text: str | None) -> Position | None:
         return None if text is None else parse_position(text)
 
 
-def _rate(text: str) -> Fraction:
+def _rate(option: str, text: str | None) -> Fraction | None:
+    if text is None:
+        return None
     try:
         rate = parsed_fraction(text)
     except (ValueError, ZeroDivisionError):
         rate = Fraction(0)
     if not Fraction(1, 1_000_000) <= rate <= HIGHEST_RATE:
         raise ParameterError(
-            f"--image-rate must be a number above 0 such as 30 or 30000/1001, from 0.000001 to "
+            f"{option} must be a number above 0 such as 30 or 30000/1001, from 0.000001 to "
             f"{HIGHEST_RATE}, not '{text[:80]}'"
         )
     return rate

@@ -87,7 +87,7 @@ def run_inputs(
     options: RunOptions,
     chosen: dict[str, Any],
     span: Span,
-    image_rate: Fraction | None,
+    rates: tuple[Fraction | None, Fraction | None],
     opening: Opening | None,
 ) -> int:
     """Run the detectors on inputs; return the exit code.
@@ -102,8 +102,9 @@ def run_inputs(
         The settings, as for :func:`oppload_cli.pipeline.settings.resolve`.
     span : Span
         The part of each input.
-    image_rate : Fraction or None
-        Frames per second of images, if the user states it.
+    rates : tuple of Fraction or None
+        Frames per second of images, and those that the camera of a slow-motion video took, if the
+        user states them.
     opening : Opening or None
         The opening of a single input whose decoding has begun.
     """
@@ -114,7 +115,7 @@ def run_inputs(
     for note in () if options.quiet else _notes(settings):
         say(f"oppload: {note}")
     if_exists, command = IfExists(options.if_exists), ["oppload", *sys.argv[1:]]
-    task = Task("", settings, None, span, image_rate, if_exists, command, boxes=options.boxes)
+    task = Task("", settings, None, span, *rates, if_exists, command, boxes=options.boxes)
     if str(options.output) == _STANDARD_OUTPUT:
         return _run_one(replace(task, name=_streamed_input(inputs, options)), options, opening)
     began = time.time()

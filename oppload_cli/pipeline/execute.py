@@ -87,6 +87,7 @@ def run_task(
         height=task.settings.height,
         span=task.span,
         image_rate=task.image_rate,
+        true_rate=task.true_rate,
         threads=task.threads,
         colour=task.outputs is not None and task.outputs.annotated is not None,
     )
@@ -329,20 +330,29 @@ class _Run:
         )
 
     def _remarks_on_rate(self) -> Iterator[str]:
-        facts, name = self.video.facts, self._task.name
+        facts, images = self.video.facts, self.video.facts.kind == "images"
+        true_rate = "--true-rate (in Python true_rate)"
         if facts.rate_assumed:
-            images = "images carry no times; --image-rate (in Python rate) states another one"
-            stream = "the stream carries no times; put it into a container such as Matroska"
-            if self._task.image_rate:
-                stream += " at its true rate, as --image-rate is for images"
-            reason = images if facts.kind == "images" else stream
-            yield f"{facts.frame_rate} frames/s are assumed, as {reason}"
-        elif self._task.image_rate and facts.kind != "images":
+            option = "--image-rate (in Python rate)" if images else true_rate
+            verb = "images carry" if images else "the stream carries"
             yield (
-                "has times or a rate of its own: --image-rate has no effect on it; if they are "
-                "those of slow motion, write the video anew at its true rate"
+                f"{facts.frame_rate} frames/s are assumed, as {verb} no times; {option} states "
+                "another rate"
             )
-        elif facts.kind == "images" and (rate := rate_beside(name)) not in {None, facts.frame_rate}:
+        elif self._task.image_rate and not images:
+            yield (
+                "has times or a rate of its own: --image-rate has no effect on it; for slow motion "
+                "give --true-rate"
+            )
+        if facts.rate_in_file is not None and facts.frame_rate is not None:
+            yield (
+                f"{true_rate} is {facts.frame_rate} frames/s, and the rate of the file "
+                f"{facts.rate_in_file}: all times are those of the file divided by "
+                f"{float(facts.frame_rate / facts.rate_in_file):.4g}"
+            )
+        elif not images:
+            return
+        if (rate := rate_beside(self._task.name)) not in {None, facts.frame_rate}:
             yield (
                 f"the rate given is {facts.frame_rate} frames/s, but that of the ground truth "
                 f"{rate}; the given one is used, so that the times of the ground truth do not fit"

@@ -301,17 +301,10 @@ def open_source(
         image_rate = checked_rate(rate)
         with open_video(source, height=size, image_rate=image_rate) as video:
             if image_rate not in {None, video.facts.frame_rate}:
-                reason = (
-                    "has times or a rate of its own; give a rate for an array or images only, and "
-                    "the frames of slow motion as an array"
+                raise ParameterError(
+                    f"{source}: has times or a rate of its own; rate is for an array or images; "
+                    "for slow motion, or a raw stream, give open_video(name, true_rate=...)"
                 )
-                if video.facts.rate_assumed:
-                    reason = (
-                        f"carries no times, so that {video.facts.frame_rate} frames/s are assumed; "
-                        "put it into a container such as Matroska at its true rate, as only arrays "
-                        "and images take a rate"
-                    )
-                raise ParameterError(f"{source}: {reason}")
             yield video
     elif hasattr(source, "facts") and hasattr(source, "working"):
         yield source if hasattr(source, "decode") else _Counted(source)  # type: ignore[arg-type, misc]

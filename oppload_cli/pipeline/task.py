@@ -165,6 +165,7 @@ class Task:
     outputs: Outputs | None = None  # None: the table goes to standard output
     span: Span = field(default_factory=Span)  # the part of the input
     image_rate: Fraction | None = None  # frames/s of images; None: of the ground truth, or 30
+    true_rate: Fraction | None = None  # frames/s that the camera took; None: those of the file
     if_exists: IfExists = IfExists.ERROR
     command: Sequence[str] = ()  # the command line, for the sidecar
     threads: int = 0  # of the decoder, and of detectors on large frames; 0: automatic
@@ -244,11 +245,7 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
         yield f"of another input, {facts['name']}"
     if size is not None and facts.get("bytes") not in {None, size}:
         yield f"of an input of {facts['bytes']} bytes, not {size}"
-    rate = facts["frame_rate"]
-    if facts["kind"] == "images" and Fraction(rate) != (
-        task.image_rate or rate_beside(task.name) or USUAL_RATE
-    ):
-        yield f"of images at {rate} frames/s; see --image-rate"
+    yield from _other_rate(task, facts)
     if list(settings.models) != content["models"]:
         yield f"of the models {', '.join(content['models'])}, not {', '.join(settings.models)}"
     yield from _other_files(settings, content)
@@ -264,6 +261,16 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     if others and settings.preset != content["preset"]:  # clearer than the name of a parameter
         yield f"of preset {content['preset']}, not {settings.preset}"
     yield from others
+
+
+def _other_rate(task: Task, facts: dict[str, Any]) -> Iterator[str]:
+    rate = facts["frame_rate"]
+    if facts["kind"] == "images":
+        wanted = task.image_rate or task.true_rate or rate_beside(task.name) or USUAL_RATE
+        if Fraction(rate) != wanted:
+            yield f"of images at {rate} frames/s; see --image-rate"
+    elif task.true_rate != (Fraction(rate) if facts.get("rate_in_file") else None):
+        yield f"at {rate} frames/s; see --true-rate"
 
 
 def _are_different_files(name: str, other: str) -> bool:

@@ -382,7 +382,7 @@ def _copy_video(
     span = Span(Position(frame=int(frames[0])), Position(frame=int(frames[-1]) + 1))
     times_s, picture = np.full(len(frames), np.nan), b""
     progress = Seldom(tell)
-    source = Call(lambda: source_of(name, _image_rate(result), 0)).result()
+    source = Call(lambda: source_of(name, _image_rate(result))).result()
     size = _even_size(source.facts, len(frames))
     file = PartFile(path)
     ahead: Prefetch[tuple[int, float, av.VideoFrame]] | None = None

@@ -8,6 +8,7 @@ import math
 import re
 from collections import deque
 from contextlib import suppress
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
@@ -39,6 +40,7 @@ from oppload_cli.video.frames import (
     PictureSource,
     check_pixels,
     max_pixels,
+    no_true_rate,
     too_large,
     turned,
 )
@@ -106,11 +108,12 @@ class ContainerSource(PictureSource):
     """A source of pictures from a video file, or from a stream such as ``rtsp://host/stream``.
 
     If `threads` is 0, the codec, the size and the cores determine the number of decoder threads.
-    Raises SourceError if the input cannot be opened, has no video or declares too many pixels, or
-    if no frame can be decoded.
+    With `true_rate`, the frames per second that the camera took, all times are scaled so that the
+    declared rate becomes this rate. Raises SourceError if the input cannot be opened, has no video
+    or declares too many pixels, if no frame can be decoded, or if it has no rate to be scaled.
     """
 
-    def __init__(self, name: str, threads: int = 0) -> None:
+    def __init__(self, name: str, threads: int = 0, true_rate: Fraction | None = None) -> None:
         super().__init__()
         self.name = name
         self._read_to = 0  # position of the byte after the last packet
@@ -135,6 +138,9 @@ class ContainerSource(PictureSource):
             self._first_arrived_s = self._arrived_s
             self.decode.threads = self._stream.codec_context.thread_count
             self.facts = self._facts()
+            self._rate, self._slowed = self.facts.frame_rate, 1.0
+            if true_rate is not None:
+                self._take_rate(true_rate)
         except BaseException:
             self.close()
             raise
@@ -155,7 +161,8 @@ class ContainerSource(PictureSource):
             if (frame.width, frame.height) != size:
                 size = (frame.width, frame.height)
                 self.decode.note(f"the size becomes {size[0]} x {size[1]} at frame {index}")
-            yield Picture(index, time, plane, bits, is_full_range(frame, self._codec), frame)
+            full_range = is_full_range(frame, self._codec)
+            yield Picture(index, time / self._slowed, plane, bits, full_range, frame)
 
     def finish(self) -> None:
         """Count the declared frames that never came."""
@@ -205,9 +212,9 @@ class ContainerSource(PictureSource):
             return max(0, declared - self._not_coded - self.decode.decoded)
         end = declared_end(self._container, self._stream)
         first, base = self._first.pts, self._stream.time_base
-        if not self.facts.frame_rate or end is None or first is None or base is None:
+        if not self._rate or end is None or first is None or base is None:
             return 0
-        rate = float(self.facts.frame_rate)
+        rate = float(self._rate)
         # Up to 1.5 frame durations may lack without damage: programs round durations, only some
         # programs count the last frame's duration, and at a variable rate it is unknown.
         lost = end - float(first * base) - self._latest_time
@@ -511,8 +518,7 @@ class ContainerSource(PictureSource):
         if now is not None and first is not None and self._stream.time_base:
             base = self._stream.time_base
             return (now - first) * base.numerator / base.denominator  # rounds only once
-        rate = self.facts.frame_rate
-        step = 1 / rate if rate else Fraction(1)
+        step = 1 / self._rate if self._rate else Fraction(1)
         # If only some frames have a time, each other frame comes one step after the frame before.
         return float(index * step) if first is None else self._last_time + float(step)
 
@@ -551,6 +557,18 @@ class ContainerSource(PictureSource):
             rate_assumed=is_rate_assumed(stream) and not self._is_live,
             video_streams=len(video_streams(self._container)),
             real_time=self._is_live or is_real_time(self.name),
+        )
+
+    def _take_rate(self, true_rate: Fraction) -> None:
+        """Scale the times so that the declared rate becomes `true_rate`."""
+        facts = self.facts
+        if facts.real_time and not facts.rate_assumed:
+            raise no_true_rate(facts.name, "it has the times of a camera")
+        if self._rate is None:
+            raise no_true_rate(facts.name, "it states no rate")
+        self._slowed = float(true_rate / self._rate)
+        self.facts = replace(
+            facts, frame_rate=true_rate, rate_in_file=self._rate, rate_assumed=False
         )
 
 

@@ -126,6 +126,8 @@ class InputFacts:
     pixel_aspect: Fraction | None = None  # width over height of a pixel; it is not corrected
     bytes: int | None = None  # size of the file or files
     rate_assumed: bool = False  # as for images, or a raw stream, if nobody states a rate
+    # The rate in the file, if the user states another one, at which the pictures were taken.
+    rate_in_file: Fraction | None = None
     video_streams: int = 1  # videos in a container, without cover pictures; the first one is read
     # Whether pictures come at their own pace, so that a slow reader has to drop some of them.
     real_time: bool = False
@@ -143,7 +145,7 @@ class InputFacts:
     def as_dict(self) -> dict[str, Any]:
         """Return the facts ready for JSON, fractions as ``"30000/1001"``."""
         facts = dict(vars(self))
-        for name in ("frame_rate", "pixel_aspect"):
+        for name in ("frame_rate", "rate_in_file", "pixel_aspect"):
             value = facts[name]
             facts[name] = None if value is None else f"{value.numerator}/{value.denominator}"
         return facts
@@ -324,6 +326,14 @@ class FrameTimes:
 def in_digits(rate: float) -> str:
     """Return frames per second as a text without a power of ten."""
     return f"{rate:.0f}" if rate >= 1000 else f"{rate:.4g}"
+
+
+def no_true_rate(name: str, reason: str) -> SourceError:
+    """Return the error of an input whose rate no true rate can replace."""
+    return SourceError(
+        f"{name}: {reason}, so that its times cannot be scaled to a true rate; leave out "
+        "--true-rate (in Python true_rate)"
+    )
 
 
 class PictureSource:

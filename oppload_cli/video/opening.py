@@ -65,6 +65,7 @@ class Opening:
         height: int | None,
         span: Span,
         image_rate: Fraction | None = None,
+        true_rate: Fraction | None = None,
         threads: int = 0,
         colour: bool = False,
         own_process: bool = False,
@@ -77,13 +78,13 @@ class Opening:
             # `os` has no `memfd_create` with some C libraries, and limits of files, processes or
             # sizes may forbid a process or shared memory.
             with suppress(OSError, AttributeError):
-                self._process = _DecodingProcess(name, height, span)
+                self._process = _DecodingProcess(name, height, span, true_rate)
         if self._process is None:
 
             def source() -> PictureSource:
                 from oppload_cli.video.source import source_of  # imports NumPy: not before a fork
 
-                return source_of(name, image_rate, threads)
+                return source_of(name, image_rate, true_rate, threads)
 
             self._call = Call(source)
 
@@ -134,7 +135,9 @@ class _DecodingProcess(PictureSource):
     process or memory.
     """
 
-    def __init__(self, name: str, height: int | None, span: Span) -> None:
+    def __init__(
+        self, name: str, height: int | None, span: Span, true_rate: Fraction | None
+    ) -> None:
         super().__init__()
         self._slots: _Slots
         self._name, self._height = name, height
@@ -147,7 +150,8 @@ class _DecodingProcess(PictureSource):
             on_failure.callback(self._connection.close)
             # This process closes `theirs`, so that the pipe closes when the decoding process ends.
             with theirs:
-                arguments = (theirs, self._connection, self._memory, (name, height, span))
+                order = (name, height, span, true_rate)
+                arguments = (theirs, self._connection, self._memory, order)
                 self._process = context.Process(target=_decode, args=arguments, daemon=True)
                 self._process.start()
             on_failure.pop_all()
@@ -260,13 +264,16 @@ class _Slots:
 
 
 def _decode(
-    theirs: Connection, ours: Connection, memory: int, order: tuple[str, int | None, Span]
+    theirs: Connection,
+    ours: Connection,
+    memory: int,
+    order: tuple[str, int | None, Span, Fraction | None],
 ) -> None:
     """Decode and send all pictures, or an error; this function runs in the separate process.
 
-    `order` is the name of the file, the working height, and the part of the file.
+    `order` is the name of the file, the working height, the part of the file, and its true rate.
     """
-    name, height, span = order
+    name, height, span, true_rate = order
     ours.close()  # so that the pipe closes when the process of the detectors ends
     # A terminal sends these signals to both processes; that of the detectors decides what to do.
     signals.ignore("SIGINT", "SIGHUP")
@@ -275,7 +282,7 @@ def _decode(
         from oppload_cli.video.container import ContainerSource
         from oppload_cli.video.planes import Resizing
 
-        source = ContainerSource(name)
+        source = ContainerSource(name, true_rate=true_rate)
         source.decode.own_process = True
         working = WorkingSize.of(source.facts, height)
         theirs.send((source.facts, source.decode))

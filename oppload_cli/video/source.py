@@ -17,6 +17,7 @@ from oppload_cli.video.frames import (
     FrameTimes,
     WorkingSize,
     frames_ahead,
+    no_true_rate,
     sizes_in_words,
 )
 from oppload_cli.video.inputs import NUMBER, Span, is_camera, is_image_file
@@ -147,6 +148,7 @@ def open_video(
     height: int | None = _DEFAULT_HEIGHT,
     span: Span | None = None,
     image_rate: Fraction | None = None,
+    true_rate: Fraction | None = None,
     threads: int = 0,
     colour: bool = False,
 ) -> Video:
@@ -165,6 +167,10 @@ def open_video(
     image_rate : Fraction, optional
         Frames per second of images, which have no times; if left out, that of the ground truth
         beside their folder, or 30.
+    true_rate : Fraction, optional
+        Frames per second at which the camera took the frames, if a video plays in slow motion, or
+        is a raw stream without a rate. All times are then scaled, so that the declared rate becomes
+        this rate. Images take this rate too, unless `image_rate` is given.
     threads : int
         Number of decoder threads; 0 chooses a number by the codec, the size and the cores.
     colour : bool
@@ -173,7 +179,8 @@ def open_video(
     Raises
     ------
     SourceError
-        If nothing can be read from the input.
+        If nothing can be read from the input, or if it has no rate that `true_rate` could replace,
+        as a camera.
     ParameterError
         If the height is not an integer of at least 1, or the working size is too large.
 
@@ -190,7 +197,7 @@ def open_video(
             f"span must be a Span, e.g. Span(start=Position(seconds=1.5)), not {span!r:.60}"
         )
     # A thread opens the input, because Ctrl-C has no effect while a library call blocks.
-    source = Call(lambda: source_of(str(name), image_rate, threads)).result()
+    source = Call(lambda: source_of(str(name), image_rate, true_rate, threads)).result()
     return Video(source, height, span or Span(), colour=colour)
 
 
@@ -207,7 +214,9 @@ def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
         source.close()
 
 
-def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSource:
+def source_of(
+    name: str, image_rate: Fraction | None, true_rate: Fraction | None = None, threads: int = 0
+) -> PictureSource:
     """Return the source of an input's pictures; arguments and errors as for :func:`open_video`."""
     device = _DEVICE.fullmatch(os.path.realpath(name)) if name.startswith("/dev/") else None
     if device:
@@ -218,7 +227,11 @@ def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSo
     if camera or pattern or is_folder(name):
         from oppload_cli.video.images import CameraSource, ImageSource
 
-        return CameraSource(name) if camera else ImageSource(name, image_rate)
+        if not camera:
+            return ImageSource(name, image_rate or true_rate)
+        if true_rate is not None:
+            raise no_true_rate(name, "it is a camera")
+        return CameraSource(name)
     if is_image_file(name):
         raise SourceError(
             f"{name}: a single image shows no motion; give its folder, or a pattern such as "
@@ -226,4 +239,4 @@ def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSo
         )
     from oppload_cli.video.container import ContainerSource
 
-    return ContainerSource(name, threads)
+    return ContainerSource(name, threads, true_rate)

@@ -76,7 +76,7 @@ def test_a_result_that_another_run_writes_or_has_just_written_is_skipped(tmp_pat
         Outputs(tmp_path / "a.frames.csv", tmp_path / "a.oppload.json"),
         Span(),
         Fraction(30),
-        IfExists.SKIP,
+        if_exists=IfExists.SKIP,
     )
     sidecar = tmp_path / "theirs" / "a.oppload.json"
     run_task(replace(task, outputs=Outputs(sidecar.with_name("a.frames.csv"), sidecar)))

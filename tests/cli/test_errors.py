@@ -47,6 +47,8 @@ WRONG = [
     (["run", "CLIP", "--end", ""], 2, "--end: '' is no position"),
     (["run", "CLIP", "--duration", ""], 2, "--duration: '' is no position"),
     (["run", "CLIP", "--image-rate", "0"], 2, "--image-rate must be a number above 0"),
+    (["run", "CLIP", "--true-rate", "1/0"], 2, "--true-rate must be a number above 0"),
+    (["run", "camera:7", "--true-rate", "30"], 3, "camera:7: it is a camera, so that its times"),
     (["run", "CLIP", "--config", "none.toml"], 2, "none.toml: cannot be read"),
     (["run", "CLIP", "-o", "file"], 2, "file: cannot be written (not a directory)"),
     (["run", "CLIP", "-o", "file/inside"], 2, f"file{os.sep}inside: cannot be written (not a"),

@@ -237,10 +237,10 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
         cv2.imwrite(str(folder / f"{number}.png"), image)
     write_video(tmp_path / "video.avi", grey_frames(12))
     assumed = "frames: 30 frames/s are assumed, as images carry no times; --image-rate (in"
-    stream = "raw.mjpeg: 25 frames/s are assumed, as the stream carries no times; put it into"
+    stream = "raw.mjpeg: 25 frames/s are assumed, as the stream carries no times; --true-rate"
     ignored = (
-        "video.avi: has times or a rate of its own: --image-rate has no effect on it; if they are "
-        "those of slow motion, write the video anew at its true rate"
+        "video.avi: has times or a rate of its own: --image-rate has no effect on it; for slow "
+        "motion give --true-rate"
     )
     write_video(tmp_path / "raw.mjpeg", grey_frames(4), codec="mjpeg", pixel_format="yuvj420p")
     words = ("-o", tmp_path, "--height", "48", "--no-rmo")
@@ -259,14 +259,32 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
         assert told_of == [told] * bool(told)
         assert ("has no effect on it" in done.stderr) == (told == ignored)
         assert "ground truth" not in done.stderr
-        remedy = "such as Matroska at its true rate, as --image-rate is for images"
-        assert (remedy in done.stderr) == (told == stream and "60" in more)
     facts = json.loads((tmp_path / "frames.oppload.json").read_text())["input"]
     assert (facts["frame_rate"], facts["rate_assumed"]) == ("25/1", False)
     refused = oppload("run", folder, *words, "--if-exists", "skip")
     assert (refused.returncode, "of images at 25/1 frames/s" in refused.stderr) == (2, True)
     with_slash = f"{folder}/", *words, "--if-exists", "skip", "--image-rate", "25"
     assert "skipped" in oppload("run", *with_slash).stderr
+
+
+def test_a_video_in_slow_motion_gives_the_results_of_its_true_rate(tmp_path: Path) -> None:
+    for name, rate in (("true.avi", 240), ("slow.avi", 30)):
+        write_video(tmp_path / name, grey_frames(24), rate=rate)
+    words = ("-o", tmp_path, "--height", "48")
+    oppload("run", tmp_path / "true.avi", *words)
+    done = oppload("run", tmp_path / "slow.avi", *words, "--true-rate", "240", "--end", "0.05")
+    assert "slow.avi: --true-rate (in Python true_rate) is 240 frames/s, and the ra" in done.stderr
+    true, slow = (rows_of(tmp_path / f"{name}.frames.csv") for name in ("true", "slow"))
+    assert len(slow) == 12
+    assert slow == true[:12]
+    again = "run", tmp_path / "slow.avi", *words, "--end", "0.05", "--if-exists", "skip"
+    assert "skipped" in oppload(*again, "--true-rate", "240").stderr
+    for other in ((), ("--true-rate", "120")):
+        refused = oppload(*again, *other)
+        assert (refused.returncode, "at 240/1 frames/s; see --true-rate" in refused.stderr) == (
+            2,
+            True,
+        )
 
 
 def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:

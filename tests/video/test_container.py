@@ -19,7 +19,7 @@ from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import MAX_PIXELS
-from oppload_cli.video.inputs import Span, parse_position
+from oppload_cli.video.inputs import Position, Span, parse_position
 from oppload_cli.video.integrity import FURTHER
 from oppload_cli.video.source import open_video
 from tests.media import grey_frames, write_video
@@ -192,6 +192,27 @@ def test_the_rate_of_a_raw_stream_that_states_none_is_assumed(tmp_path: Path) ->
     path = write_video(tmp_path / "a.mjpeg", grey_frames(3), codec="mjpeg", pixel_format="yuvj420p")
     with open_video(path) as video:
         assert (video.facts.frame_rate, video.facts.rate_assumed) == (Fraction(25), True)
+    with open_video(path, true_rate=Fraction(50)) as video:
+        assert [frame.time_s for frame in video] == pytest.approx([0, 0.02, 0.04])
+        assert (video.facts.frame_rate, video.facts.rate_assumed) == (Fraction(50), False)
+
+
+def test_slow_motion_has_the_times_of_its_true_rate(tmp_path: Path) -> None:
+    """Also at uneven times; the end that the file declares is still that of its own clock."""
+    times = [10, 20, 50, 60, 100]
+    path = write_video(tmp_path / "a.mkv", grey_frames(5), times=times, time_base=Fraction(1, 100))
+    span = Span(start=Position(seconds=0.05))
+    with open_video(path) as video:
+        own = [frame.time_s for frame in video]
+        rate = video.facts.frame_rate
+        assert rate
+    for part, indices in ((None, [0, 1, 2, 3, 4]), (span, [3, 4])):
+        with open_video(path, span=part, true_rate=10 * rate) as video:
+            found = [(frame.index, frame.time_s) for frame in video]
+        assert [index for index, _ in found] == indices
+        assert [time_s for _, time_s in found] == pytest.approx([own[n] / 10 for n in indices])
+        assert (video.facts.frame_rate, video.facts.rate_in_file) == (10 * rate, rate)
+        assert video.decode.complete
 
 
 def test_presentation_times_are_those_of_the_file(tmp_path: Path) -> None:

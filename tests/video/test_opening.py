@@ -53,10 +53,21 @@ def _possible(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     gc.unfreeze()
 
 
-def begun(path: Path | str, height: int | None = 240, span: Span | None = None) -> Opening:
+def begun(
+    path: Path | str,
+    height: int | None = 240,
+    span: Span | None = None,
+    true_rate: Fraction | None = None,
+) -> Opening:
     """A video that another process decodes."""
-    rate = Fraction(30)
-    return Opening(str(path), height=height, span=span or Span(), image_rate=rate, own_process=True)
+    return Opening(
+        str(path),
+        height=height,
+        span=span or Span(),
+        image_rate=Fraction(30),
+        true_rate=true_rate,
+        own_process=True,
+    )
 
 
 def children() -> list[int]:
@@ -86,20 +97,21 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize(
-    ("name", "height", "span"),
+    ("name", "height", "span", "true_rate"),
     [
-        *((name, None, Span()) for name in MAKE),
-        ("turned.mp4", 24, Span(start=Position(frame=7))),
-        ("colour.gif", 40, Span(end=Position(frame=9))),
+        *((name, None, Span(), None) for name in MAKE),
+        ("turned.mp4", 24, Span(start=Position(frame=7)), None),
+        ("colour.gif", 40, Span(end=Position(frame=9)), None),
+        ("many.mp4", 24, Span(end=Position(seconds=0.2)), Fraction(240)),
     ],
 )
 def test_frames_are_the_same_in_a_separate_process(
-    name: str, height: int | None, span: Span, made: dict[str, Path]
+    name: str, height: int | None, span: Span, true_rate: Fraction | None, made: dict[str, Path]
 ) -> None:
     path = made[name]
     with (
-        begun(path, height, span).result() as there,
-        open_video(path, height=height, span=span) as here,
+        begun(path, height, span, true_rate).result() as there,
+        open_video(path, height=height, span=span, true_rate=true_rate) as here,
     ):
         assert there.facts == here.facts
         assert there.working == here.working
