@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Colour = NDArray[np.uint8]  # rows x columns x 3: blue, green, red
+    Luma = NDArray[np.uint8] | NDArray[np.uint16]  # rows x columns
 
 
 _FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # Pillow's names
@@ -49,6 +50,7 @@ _GAP = 1.5  # images are missing if a step between two numbers is at least 1.5 u
 # A camera may fail once, for example if USB loses a packet; so its reading is tried again.
 _RETRY_S, _PAUSE_S = 1.0, 0.01  # in all, and between two readings
 _MOST_LATE_S = 1.0  # a time of the driver further from that of arrival is no time of the picture
+_FEW_BITS = 14  # of 16: values that need no more use at most a quarter of the range
 _DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # Pillow's modes with 16 bits
 
 
@@ -65,7 +67,8 @@ class ImageSource(PictureSource):
         stated = frame_rate or rate_beside(name)
         self._rate = stated or USUAL_RATE
         self._paths = image_paths(name)
-        height, width = self._first_readable().shape[:2]
+        self._brightest = 0  # value of all 16-bit images so far
+        height, width = self._size_of_first()
         self.facts = InputFacts(
             name=name,
             kind="images",
@@ -87,33 +90,50 @@ class ImageSource(PictureSource):
         for index, path in enumerate(self._paths):
             if self.stopping:
                 return
-            colour = self._image(path)
-            if colour is None:
+            image = self._image(path)
+            if image is None:
                 continue
+            luma, colour = image
             self.decode.decoded += 1
-            if colour.shape[:2] != size:
-                size = (colour.shape[0], colour.shape[1])
+            if luma.dtype == np.uint16:
+                self._brightest = max(self._brightest, int(luma.max()))
+            if luma.shape != size:
+                size = luma.shape
                 self.decode.note(f"the size becomes {size[1]} x {size[0]} at {path.name}")
-            yield Picture(index, float(index / self._rate), _grey(colour), original=colour)
+            time_s = float(index / self._rate)
+            yield Picture(index, time_s, luma, 8 * luma.itemsize, original=colour)
 
-    def _first_readable(self) -> Colour:
+    def finish(self) -> None:
+        """Note that images of 16 bits use few of them."""
+        bits = self._brightest.bit_length()
+        if 0 < bits <= _FEW_BITS:
+            self.decode.note(
+                f"no value is above {self._brightest} of 65535, so that responses are low; if the "
+                f"images have {bits} bits, scale them to 16 first"
+            )
+
+    def _size_of_first(self) -> tuple[int, ...]:
+        """Return the rows and columns of the first image that can be read."""
         for path in self._paths:
-            colour = self._image(path)
-            if colour is not None:
+            image = self._image(path)
+            if image is not None:
                 self.decode = DecodeFacts()  # `pictures` reads and counts these images again
-                return colour
+                return image[0].shape
         raise SourceError(
             f"{self._paths[0]}: none of these images can be read ({self.decode.messages[0]}); "
             f"check or convert them"
         )
 
-    def _image(self, path: Path) -> Colour | None:
-        """Return an image; if it cannot be read, count a failure and return None."""
+    def _image(self, path: Path) -> tuple[Luma, Colour] | None:
+        """Return the luma and the colours of an image.
+
+        If it cannot be read, count a failure and return None.
+        """
         try:
             with _opened(path) as image:
                 # "MPO" is a photograph in JPEG with further pictures, such as a preview.
                 several = image.format != "MPO" and getattr(image, "is_animated", False)
-                colour, opacity = _colour(image), _opacity(image)
+                decoded, opacity = _decoded(image), _opacity(image)
         except SourceError as error:
             self.decode.failed(f"{path.name} is not an image that can be read ({error})")
             return None
@@ -126,7 +146,7 @@ class ImageSource(PictureSource):
             self.decode.note(
                 "transparency is left out; draw the images on an opaque background first"
             )
-        return colour
+        return decoded
 
 
 def _several_series(paths: Sequence[Path]) -> str:
@@ -172,13 +192,13 @@ def read_transparent(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32
     Raises SourceError if the file is not an image, or is damaged or too large.
     """
     with _opened(Path(name)) as image:
-        colour, opacity = _colour(image), _opacity(image)
-    luminance = _grey(colour).astype(np.float32) / np.float32(255)
+        (luma, _), opacity = _decoded(image), _opacity(image)
+    luminance = luma.astype(np.float32) / np.float32(np.iinfo(luma.dtype).max)
     return luminance, None if opacity is None else opacity.astype(np.float32) / np.float32(255)
 
 
 def _opacity(image: Image.Image) -> NDArray[np.uint8] | None:
-    """Return the opacity of an image after `_colour` turned it upright; None if it has none."""
+    """Return the opacity of an image after `_decoded` turned it upright; None if it has none."""
     if not ("A" in image.getbands() or "transparency" in image.info):
         return None
     return np.asarray(image.convert("RGBA").getchannel("A"), np.uint8)
@@ -229,8 +249,11 @@ def _without_pillow_limits() -> Iterator[None]:
         Image.MAX_IMAGE_PIXELS = limit
 
 
-def _colour(image: Image.Image) -> Colour:
-    """Decode an image without its transparency, turn it upright, and reduce 16 bits to 8."""
+def _decoded(image: Image.Image) -> tuple[Luma, Colour]:
+    """Decode an image without its transparency, and turn it upright; return luma and colours.
+
+    The luma has 16 bits for a grey image of more than 8 bits; the colours always have 8.
+    """
     if image.mode == "F" or (image.mode == "I" and image.format == "TIFF"):
         raise SourceError("its samples have 32 bits; convert it to 8 or 16")
     deep = image.mode in _DEEP_GREY
@@ -238,10 +261,12 @@ def _colour(image: Image.Image) -> Colour:
     with suppress(Exception):  # an image with damaged EXIF data stays as it is
         ImageOps.exif_transpose(image, in_place=True)
     if deep:
-        grey = np.asarray(np.asarray(image).astype(np.uint16) >> 8, np.uint8)
-        return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
+        luma = np.asarray(image).astype(np.uint16)
+        grey = np.asarray(luma >> 8, np.uint8)
+        return luma, np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
     rgb = np.asarray(image if image.mode == "RGB" else image.convert("RGB"), np.uint8)
-    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), np.uint8)
+    colour = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), np.uint8)
+    return _grey(colour), colour
 
 
 class CameraSource(PictureSource):

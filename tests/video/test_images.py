@@ -152,12 +152,37 @@ def test_every_format_gives_its_pixels(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["png", "pgm", "tiff"])
-def test_of_sixteen_bits_eight_are_kept(tmp_path: Path, suffix: str) -> None:
+def test_all_sixteen_bits_are_kept(tmp_path: Path, suffix: str) -> None:
+    """The second image has 8 bits; the picture in colour has 8 in both."""
     deep = SCENE.astype(np.uint16) * 256 + 77
+    image: Any
+    for index, image in enumerate((deep, SCENE)):
+        cv2.imwrite(str(tmp_path / f"{index}.{suffix}"), image)
+    with open_video(tmp_path, height=None, colour=True) as video:
+        first, second = video
+    np.testing.assert_array_equal(first.luma, (deep / 65535).astype(np.float32))
+    np.testing.assert_array_equal(second.luma, (SCENE / 255).astype(np.float32))
+    assert first.colour is not None
+    np.testing.assert_array_equal(first.colour[..., 1], SCENE)
+    with open_video(tmp_path, height=SCENE.shape[0] // 2) as video:
+        small = next(iter(video)).luma
+    expected = cv2.resize(deep / 65535, small.shape[::-1], interpolation=cv2.INTER_AREA)
+    assert np.abs(small - expected).max() < 1e-4  # a step of 8 bits is 4e-3
+
+
+@pytest.mark.parametrize(("brightest", "bits"), [(4095, 12), (16384, None)])
+def test_images_that_use_few_of_their_bits_give_a_note(
+    tmp_path: Path, brightest: int, bits: int | None
+) -> None:
     for index in range(2):
-        cv2.imwrite(str(tmp_path / f"{index}.{suffix}"), deep)
-    with open_video(tmp_path, height=None) as video:
-        np.testing.assert_array_equal(next(iter(video)).luma, SCENE / np.float32(255))
+        cv2.imwrite(
+            str(tmp_path / f"{index}.png"), np.full((31, 43), brightest >> index, np.uint16)
+        )
+    with open_video(tmp_path) as video:
+        assert len(list(video)) == 2
+        said = f"no value is above {brightest} of 65535, so that responses are low; if the images have {bits} bits"
+        assert [said in each for each in video.decode.messages] == [True] * bool(bits)
+        assert video.decode.complete
 
 
 @pytest.mark.parametrize("opacity", [255, 254])
