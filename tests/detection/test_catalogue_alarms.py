@@ -190,7 +190,7 @@ def test_a_looming_disk_alarms_before_contact(l_over_v: int, centre: tuple[int, 
     ("name", "largest", "contacts"),
     [
         ("controls/dots-coherence/coherence-0", 0.0397, 0),
-        ("controls/dots-coherence/coherence-0.5", 0.0230, 0),
+        ("controls/dots-coherence/coherence-0.5", 0.0277, 0),
         ("controls/translating-disk-direction/rotation-0", 0.00307, 1),
         ("opplod2023/looming-disk-centre", 0.0815, None),
         ("opplod2023/looming-disk-off-centre", 0.0918, None),
