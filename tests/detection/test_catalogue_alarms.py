@@ -86,7 +86,7 @@ def lead(name: str, changes: dict[str, float], **parameters: float) -> float | N
         (MOVING, {SPEED: 60}, 0.2, None),
         (MOVING, {SPEED: 120}, 0.13, None),
         (MOVING, {"display.frame_rate": 10}, 0.2, None),
-        (MOVING, {"display.frame_rate": 120}, 0.3, None),
+        pytest.param(MOVING, {"display.frame_rate": 120}, 0.3, None, marks=pytest.mark.slow),
         (MOVING, {"effects.noise": 0.05}, 0.27, 0.17),
         (SHAKEN, {SHAKE: 3.2}, 0.27, None),
     ],

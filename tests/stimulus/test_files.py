@@ -111,9 +111,12 @@ def test_a_rate_above_that_of_a_container_is_refused(form: str, tmp_path: Path) 
     with pytest.raises(StimulusError, match=rf"1440 is more than the 1000 Hz that {form} holds; "
                        "lower it or use format png or npz"):  # fmt: skip
         stimulus.write(clip(rate="1440"), tmp_path, form=form)
-    for other in ("mp4", "npz"):
-        video = stimulus.write(clip(rate="1440"), tmp_path, form=other).video
-        assert decoded(video, other)[1] == pytest.approx([at / 1440 for at in range(720)])
+
+
+@pytest.mark.parametrize("form", ["mp4", "npz"])
+def test_other_containers_hold_any_rate(form: str, tmp_path: Path) -> None:
+    video = stimulus.write(clip(rate="1440"), tmp_path, form=form).video
+    assert decoded(video, form)[1] == pytest.approx([at / 1440 for at in range(720)])
 
 
 @pytest.mark.parametrize("form", FORMATS)
