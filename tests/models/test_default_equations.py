@@ -58,11 +58,16 @@ def flickering() -> list[Luma]:
 
 @cache
 def passed() -> list[Luma]:
-    """A box passes at 20 px per frame, while a disk approaches before a texture."""
+    """A box passes at 20 px per frame, while a disk approaches before a texture.
+
+    A strip below the receptive field of the box flickers, so that a larger field would matter.
+    """
     ground = (0.2 + 0.6 * texture(240, 240, 1)).astype(np.float32)
     film = looming_over([ground] * 20)
+    random = np.random.default_rng(6)
     for t, each in enumerate(film[4:18]):
         each[30:110, 20 * t : 20 * t + 60] = 0.9
+        each[220:] = random.uniform(0.25, 0.75)
     return film
 
 
