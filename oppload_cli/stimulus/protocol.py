@@ -30,6 +30,7 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_FRAMES = 1_000_000
 _MOST_ZOOM = 6.0  # the largest change of the logarithm of a pattern's scale
 _LATE = "after the end of the motion and is never reached; correct it, or make the motion longer"
+_JUMP = 0.9  # of the growth of an approach, in one frame: it looks as if an object appeared
 _SCENE_AT_REST = Scene()
 _RESERVED = (*TABLES, "object", "sweep", "seed")
 
@@ -237,6 +238,7 @@ def _remarks(protocol: Protocol) -> Iterator[str]:
         for remark in (
             *_late_changes(protocol, obj),
             *_too_fast(protocol, obj),
+            *_without_growth(protocol, obj),
             *_without_effect(obj),
         ):
             yield f"object '{obj.id}': {remark}"
@@ -278,6 +280,29 @@ def _too_fast(protocol: Protocol, obj: Object) -> Iterator[str]:
         yield (
             "brightness.frequency_hz is above half of display.frame_rate, so that the frames "
             "flicker at a lower frequency; change one of them"
+        )
+
+
+def _without_growth(protocol: Protocol, obj: Object) -> Iterator[str]:
+    """Yield a remark if the frames show an approach as a jump of the size, or not at all.
+
+    Seconds or microseconds in place of the milliseconds of l/v have this effect.
+    """
+    if obj.growth is None or obj.growth.kind != "approach":
+        return
+    display = protocol.display
+    diagonal = display.angle_of(math.hypot(display.width, display.height))
+    times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
+    sizes = [min(pose_of(protocol, obj, time).extent.size, diagonal) for time in times]
+    grown = max(sizes) - min(sizes)
+    jump = max((abs(b - a) for a, b in itertools.pairwise(sizes)), default=0.0)
+    change = "change growth.l_over_v_ms, which is in milliseconds"
+    if not grown:
+        yield f"its size is the same in every frame; {change}, or its limits"
+    elif jump > _JUMP * grown:
+        yield (
+            "it grows by nearly all of its growth from one frame to the next, so that no motion "
+            f"can be seen; {change}, or raise display.frame_rate"
         )
 
 

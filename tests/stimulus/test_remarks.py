@@ -97,6 +97,27 @@ def test_coherence_that_has_no_effect(motion: str, remarked: bool) -> None:
         assert (first == second).all()
 
 
+@pytest.mark.parametrize(
+    ("growth", "found"),
+    [
+        ("l_over_v_ms = 40", ""),
+        ("l_over_v_ms = 40\nmost_deg = 20\nleast_deg = 10", ""),
+        ("l_over_v_ms = 0.04", "from one frame to the next"),  # seconds
+        ("l_over_v_ms = 0.04\nmost_deg = 20", "from one frame to the next"),
+        ("l_over_v_ms = 40\ncontact_s = 60\nleast_deg = 1", "the same in every frame"),
+        ("l_over_v_ms = 40\ncontact_s = 60", ""),  # grows little, but evenly
+        ("l_over_v_ms = 40_000\nmost_deg = 20", "the same in every frame"),  # microseconds
+        ("l_over_v_ms = 40_000", "the same in every frame"),
+    ],
+)
+@pytest.mark.parametrize("reverse", [False, True])
+def test_an_approach_that_no_frame_shows(growth: str, found: str, reverse: bool) -> None:
+    disk = DISK.replace("size_deg = 10", f"reverse = {str(reverse).lower()}")
+    remarked = remarks(f"{TOP}{disk}[object.growth]\nkind = 'approach'\n{growth}")
+    assert len(remarked) == bool(found)
+    assert all(found in each and "which is in milliseconds" in each for each in remarked)
+
+
 @pytest.mark.parametrize(("hertz", "remarked"), [(5, False), (5.1, True)])
 def test_a_flicker_that_is_too_fast(hertz: float, remarked: bool) -> None:
     flicker = f"brightness = {{kind = 'flicker', to = 1.0, frequency_hz = {hertz}}}"
