@@ -56,13 +56,19 @@ class PeakTimes(NamedTuple):
         return _threshold(self.slope + self.slope_error), _threshold(self.slope - self.slope_error)
 
     @property
+    def falls(self) -> bool:
+        """Whether the line falls, so that no angular threshold explains it."""
+        return self.slope <= -0.005  # else it is 0.00 in words: the peak comes at contact
+
+    @property
     def text(self) -> str:
         """Slope, angular threshold and delay in words, with their confidence intervals."""
         low, high = self.angle_limits_deg
+        limits = f"{self.angle_deg:.0f} deg, {low:.0f} to {high:.0f}"
         delay, error = round(1000 * self.delay_s), 1000 * self.delay_error_s
         return (
-            f"slope {self.slope:z.2f} ± {self.slope_error:.2f} ({self.angle_deg:.0f} deg, "
-            f"{low:.0f} to {high:.0f}), delay {delay} ± {error:.0f} ms"
+            f"slope {self.slope:z.2f} ± {self.slope_error:.2f} "
+            f"({'no threshold' if self.falls else limits}), delay {delay} ± {error:.0f} ms"
         )
 
     def error_s(self, l_over_v_s: Series) -> Series:
@@ -104,6 +110,7 @@ def _student_t(freedom: int) -> float:
 
 _STUDENT = 12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228
 _NORMAL = 1.959964
+_FIT_WIDTH = 60  # characters of a fit, of which many are narrow, in a line above a column
 
 
 def contact_lines(request: Request) -> list[str]:
@@ -198,9 +205,11 @@ def _label(curve: TuningCurve, fit: PeakTimes | None, *, few: bool, above: bool)
     """Return the text of a curve in the legend; that of many curves has room for few words."""
     label = style.wrapped(curve.name, style.LEGEND_WIDTH)
     if fit and few:
-        label += f"\n{fit.text}"
+        before_delay = ", " if len(fit.text) <= _FIT_WIDTH else ",\n"
+        label += f"\n{fit.text.replace(', delay', f'{before_delay}delay')}"
     elif fit:
-        label += f": {fit.angle_deg:.0f} deg, {round(1000 * fit.delay_s)} ms"
+        angle = "no threshold" if fit.falls else f"{fit.angle_deg:.0f} deg"
+        label += f": {angle}, {round(1000 * fit.delay_s)} ms"
     if above:
         label += " (above)"
     if few and curve.doubts:

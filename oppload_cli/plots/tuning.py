@@ -199,8 +199,8 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
             summary[name] |= {
                 "slope": fit.slope,
                 "slope_error": fit.slope_error,
-                "threshold_deg": fit.angle_deg,
-                "threshold_limits_deg": list(fit.angle_limits_deg),
+                "threshold_deg": None if fit.falls else fit.angle_deg,
+                "threshold_limits_deg": None if fit.falls else list(fit.angle_limits_deg),
                 "delay_s": fit.delay_s,
                 "delay_error_s": fit.delay_error_s,
             }

@@ -17,7 +17,7 @@ from oppload_cli.models.registry import detectors
 from oppload_cli.plots.classic import _half_distance
 from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.style import INK
-from oppload_cli.plots.tuning import lines_of, plot_tuning
+from oppload_cli.plots.tuning import lines_of, plot_tuning, summary_of
 from oppload_cli.reference import angular_thresholds
 from oppload_cli.results.reading import read_tuning
 from tests.results.make import write_tuning
@@ -90,6 +90,28 @@ def test_the_limits_hold_in_95_of_100_experiments() -> None:
             abs(fit.slope * 0.04 - fit.delay_s - 0.1) <= fit.error_s(np.array([0.04]))[0],
         )
     assert held / 2000 == pytest.approx([0.95] * 4, abs=0.015)
+
+
+def test_a_line_that_falls_has_no_threshold(tmp_path: Path) -> None:
+    """Such as of peaks in the last frame of clips that end too early."""
+    tuning = contact(tmp_path / "a.tuning.csv", figure={"kind": "contact"})
+    tuning.rows["peak_before_contact_s"] = before = [1.166667, 0.9, 0.216667, 0.216667]
+    slope = np.polyfit(np.array(L_OVER_V) / 1000, before, 1)[0]
+    label = plot_tuning(tuning, "contact")[1][0].get_legend_handles_labels()[1][0]
+    assert label.startswith(f"OppLoD\nslope {slope:.2f} ± ")
+    assert "(no threshold), delay" in label
+    summary = summary_of(tuning)["opplod"]
+    assert summary["slope"] < 0
+    assert summary["threshold_deg"] is summary["threshold_limits_deg"] is None
+
+
+def test_a_long_fit_takes_two_lines_of_the_legend(tmp_path: Path) -> None:
+    tuning = contact(tmp_path / "a.tuning.csv")
+    tuning.rows["peak_before_contact_s"] = [-11, 6.7, 0.9, 12.2]
+    label = plot_tuning(tuning, "contact")[1][0].get_legend_handles_labels()[1][0]
+    _, fit, delay = label.splitlines()
+    assert f"{fit} {delay}" in lines_of([tuning], "contact")[0]
+    assert delay.startswith("delay ")
 
 
 def test_times_in_whole_frames_are_no_better_known_than_to_a_frame() -> None:
