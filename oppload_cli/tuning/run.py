@@ -268,6 +268,7 @@ def doubts_about(
     if sweep.presentations == 1:
         yield from _to_onset(conditions, protocols)
         yield from _within_warm_up(conditions, protocols)
+        yield from _cut_off_by_end(conditions, protocols)
         if not indicator_s:  # with one, a peak may come at the end of any motion
             yield from _to_vanishing(conditions, protocols)
     yield from _unlike_neurons(settings, protocols[0].display.height, indicator_s)
@@ -366,6 +367,37 @@ def _within_warm_up(
             "start of the motion on, when more than half of the motion is over: they show no "
             "tuning; choose a slower or longer motion",
         )
+
+
+def _cut_off_by_end(
+    conditions: Sequence[Condition], protocols: Sequence[Protocol]
+) -> Iterator[Doubt]:
+    """Yield the detectors whose response might have grown further, but the stimulus ends."""
+    growing = [_grows_at_end(protocol) for protocol in protocols]
+    stated = any(obj.growth and obj.growth.contact_s for each in protocols for obj in each.objects)
+    key = "timing.motion_s" if stated else "timing.after_s"
+    for name in conditions[0].measures:
+        last = [
+            grows and condition.measures[name].peak_frame == protocol.frame_count - 1
+            for grows, condition, protocol in zip(growing, conditions, protocols, strict=True)
+        ]
+        yield from _about_peaks(
+            name,
+            last,
+            "in the last frame",
+            "come in the last frame, while an object still grows: a later and larger peak cannot "
+            f"be seen; give a larger {key}",
+        )
+
+
+def _grows_at_end(protocol: Protocol) -> bool:
+    """Return whether the size of an object changes up to the last frame."""
+    last = protocol.frame_count - 1
+    before, after = (frame_truth(protocol, max(each, 0)).objects for each in (last - 1, last))
+    return any(
+        one.visible and one.angular_size_deg != other.angular_size_deg
+        for one, other in zip(after, before, strict=True)
+    )
 
 
 def _motion_end(protocol: Protocol) -> float:

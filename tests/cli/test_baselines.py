@@ -81,7 +81,7 @@ def test_tune(name: str, tmp_path: Path) -> None:
     (tmp_path / "disk.toml").write_text(DISK.format(before=0))
     done = oppload(
         "tune", tmp_path / "disk.toml", "-o", tmp_path, "--height", "native", "--jobs",
-        "1", "--model", name, "--plot", "none",
+        "1", "--model", name, "--plot", "none", "--change", "timing.after_s=0.1",
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     table = rows_of(tmp_path / "disk.tuning.csv")

@@ -3,7 +3,7 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -353,6 +353,28 @@ def test_peaks_that_the_warm_up_cuts_off_are_named(tmp_path: Path) -> None:
     ]
     doubts = list(doubts_about(first, Sweep(longer, settings)))
     assert not any("warm-up" in each.note for each in doubts)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"timing.after_s": 0}, "timing.after_s"),
+        ({"timing.after_s": 0, "disk.growth.contact_s": 2.3}, "timing.motion_s"),
+        ({"timing.after_s": 0.1}, ""),  # shows that no larger response comes later
+        ({"timing.after_s": 0, "disk.growth.most_deg": 10}, ""),  # stops before the end
+    ],
+)
+def test_peaks_in_the_last_frame_of_a_growth_are_named(changes: dict[str, Any], key: str) -> None:
+    """With contact at the end or later, nobody sees when the response would fall."""
+    (original,) = find("klapoetke2017/loom-l-over-v")
+    common = {"disk.growth.l_over_v_ms": [10, 20], "disk.growth.most_deg": 180}
+    entry = original.with_settings(common | changes)
+    sweep = Sweep(entry, resolve(preset="reference", height="60", models=["frame_difference"]))
+    doubts = [each for each in doubts_about(tune(sweep), sweep) if "last frame" in each.note]
+    assert len(doubts) == bool(key)
+    for doubt in doubts:
+        assert doubt[:2] == ("frame_difference", "2 of 2 peaks in the last frame: no tuning")
+        assert doubt.text.endswith(f"cannot be seen; give a larger {key}")
 
 
 def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
