@@ -272,7 +272,8 @@ class Table:
         known = {each.name: each for each in cls.declared()}
         for name in table:
             if name not in known:
-                raise cls._error(f"{where}: unknown key '{name}'{suggestion(str(name), known)}")
+                hint = suggestion(str(name), cls._keys_of(table.get("kind")))
+                raise cls._error(f"{where}: unknown key '{name}'{hint}")
         for name, each in known.items():
             if name not in table and each.default is REQUIRED:
                 raise cls._error(f"{where}: {name} is missing; add it")
@@ -282,6 +283,14 @@ class Table:
             values[name] = inner.from_table(value, f"{where}: {name}") if inner else value
         with faults_at(where):
             return cls(**values)
+
+    @classmethod
+    def _keys_of(cls, kind: object) -> list[str]:
+        """Return the keys that a kind of the table takes; all keys if there is no such kind."""
+        keys = cls.declared()
+        if not any(each.name == "kind" and kind in each.choices for each in keys):
+            return [each.name for each in keys]
+        return [each.name for each in keys if not each.kinds or kind in each.kinds]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the values by name, for JSON."""

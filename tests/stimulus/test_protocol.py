@@ -79,6 +79,9 @@ NO_SIZES = "sizes_deg = []\ntimes_s = []"
 MISTAKES = [
     # an unknown key, a missing one, a wrong type
     ("id = ", "size_dg = 3\nid = ", "size_dg", "did you mean 'size_deg'"),
+    ("id = ", "size_px = 3\nid = ", "size_px", "did you mean 'size_deg'"),  # not size_m
+    ("l_over_v_ms = 40", "l_over_v_ms = 40\nend_dg = 3", "end_dg", "least_deg, most_deg"),
+    ('kind = "disk"', 'kind = "dsik"\nfinest = 1', "finest", "did you mean 'finest_deg'"),
     ("width = 100", "widht = 100", "widht", "did you mean 'width'"),
     ('kind = "disk"', 'kind = "dsik"', "dsik", "did you mean 'disk'"),
     ("motion_s = 1.0", "", "motion_s is missing", "add it"),
