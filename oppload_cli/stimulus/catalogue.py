@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _MOST_MEMBERS = 10_000
 _LONGEST = 80  # characters of a value in a message
 _DEEPEST = 20  # dots in a swept key
+_NUMBERS = re.compile(r"\s*[-+.\d]+\s*(,\s*[-+.\d]+\s*)+")
 
 
 @dataclass(frozen=True)
@@ -445,7 +446,7 @@ def parsed_settings(texts: Iterable[str]) -> dict[str, Any]:
     Raises
     ------
     StimulusError
-        If there is no ``=``.
+        If there is no ``=``, or if numbers with commas have no brackets.
     """
     settings: dict[str, Any] = {}
     for text in texts:
@@ -457,6 +458,10 @@ def parsed_settings(texts: Iterable[str]) -> dict[str, Any]:
         try:
             settings[name.strip()] = tomllib.loads(f"value = {value}")["value"]
         except ValueError:
+            if _NUMBERS.fullmatch(value):  # as --over takes them
+                raise StimulusError(
+                    f"--change {text}: a list needs brackets; write '{name}=[{value}]'"
+                ) from None
             settings[name.strip()] = value.strip()
     return settings
 

@@ -233,6 +233,7 @@ def test_the_ground_truth_of_another_format_is_not_replaced(tmp_path: Path, hand
         (["klapoetke2017/lom"], "did you mean 'klapoetke2017/loom'?"),
         (["gone.toml"], "gone.toml: cannot be read (no such file or directory); check the path"),
         (["klapoetke2017/loom", "--change", "disk.size_deg"], "--change takes key=value"),
+        (["loom-l-over-v", "--change", "l/v=10, 20"], "needs brackets; write 'l/v=[10, 20]'"),
         (
             ["klapoetke2017/loom", "--change", "disk.size_deg=-3"],
             "klapoetke2017/loom with disk.size_deg = -3: object 'disk': size_deg must be",
