@@ -259,7 +259,7 @@ def _late_changes(protocol: Protocol, obj: Object) -> Iterator[str]:
         yield f"brightness.start_s is {_LATE}"
     # In reverse, the first frame shows the end of the motion.
     steps_shown = end - start + ROUNDING_S if obj.reverse else shown
-    if obj.growth is not None and max(obj.growth.times_s, default=0.0) > steps_shown:
+    if obj.growth is not None and max(obj.growth.times_s, default=-math.inf) > steps_shown:
         yield f"a time of growth.times_s is {_LATE}"
     if _has_late_points(obj.motion, end - start):
         yield f"a time of motion.path_s is {_LATE}"

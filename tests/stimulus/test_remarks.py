@@ -149,6 +149,10 @@ def test_a_change_that_no_frame_shows() -> None:
     top = TOP.replace("after_s = 0.5", "")
     assert "growth.times_s" in remarks(top + DISK + step)[0]
     assert remarks(top + DISK + "reverse = true\n" + step) == []
+    # An approach has no steps, even if no frame comes after the pause.
+    top = TOP.replace("rate = 10", "rate = 0.5").replace("motion_s", "before_s = 0.4\nmotion_s")
+    disk = DISK.replace("size_deg = 10", "[object.growth]\nkind = 'approach'\nl_over_v_ms = 40")
+    assert not any("times_s" in each for each in remarks(top + disk))
 
 
 @pytest.mark.parametrize(("cut_s", "remarked"), [(1.4, False), (1.5, True)])
