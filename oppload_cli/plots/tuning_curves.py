@@ -143,7 +143,8 @@ def column_of(tuning: Tuning, ending: str, wanted: str, *, count: int = 1) -> st
     columns = [name for name in tuning.parameters if name.endswith(ending)]
     if len(columns) != 1 or len(tuning.parameters) != count:
         swept = " and ".join(tuning.parameters)
-        raise ResultError(f"{tuning.path}: sweeps '{swept}', not {wanted}")
+        alone = "only " if columns else ""
+        raise ResultError(f"{tuning.path}: sweeps '{swept}', not {alone}{wanted}")
     return columns[0]
 
 

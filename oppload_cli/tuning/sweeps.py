@@ -222,7 +222,10 @@ def _figure_sweep(
         for text, key in zip(over, chosen, strict=True):
             if key not in figure.sweep:
                 swept_keys = " and ".join(figure.sweep) or "nothing"
-                raise ParameterError(f"--over {text}: figure {name} sweeps {swept_keys}")
+                raise ParameterError(
+                    f"--over {text}: figure {name} sweeps {swept_keys}; make a figure for each "
+                    f"value with --change {key}=VALUE"
+                )
         entry = replace(entry, sweep=entry.sweep | chosen)
     assignments = [*figure.settings, *settings.get("assignments", ())]
     resolved = resolve(**{**settings, "assignments": assignments})

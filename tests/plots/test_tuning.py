@@ -392,6 +392,9 @@ def test_peaks_before_contact_over_l_over_v(tmp_path: Path) -> None:
     assert panel.get_legend_handles_labels()[1][0] == label
     with pytest.raises(ResultError, match="not l/v; for kind 'contact' run 'oppload tune --fig"):
         plot_tuning(made(tmp_path, AXES, {"opplod": [1.0] * 4}), "contact")
+    rates = L_OVER_V | {"display.frame_rate": [60.0, 60, 144]}
+    with pytest.raises(ResultError, match=r"frame_rate', not only l/v; for kind"):
+        plot_tuning(made(tmp_path, rates, {"opplod": [4.0, 2, 1]}), "contact")
 
 
 def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: Path) -> None:

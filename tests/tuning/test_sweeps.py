@@ -209,7 +209,7 @@ def test_other_values_of_what_a_figure_sweeps() -> None:
             "peak-time",
             {},
             ["disk.luminance=0,1"],
-            "figure peak-time sweeps disk.growth.l_over_v_ms",
+            "sweeps disk.growth.l_over_v_ms; make a figure .* with --change disk.luminance=VALUE",
         ),
         ("peak-time", {"l/v": 3}, [], "--change disk.growth.l_over_v_ms: figure peak-time sweeps"),
         ("habituation", {}, ["disk.luminance=0,1"], "figure habituation sweeps nothing"),
