@@ -429,7 +429,8 @@ def _distinct_names(read: Sequence[BaseResult] | Sequence[Tuning]) -> list[str]:
     """Return what differs between results or tuning tables, a text for each.
 
     That is what differs between the names of their inputs or stimuli, such as ``l/v 10`` and
-    ``l/v 20``. If two names are equal, it is the presets or parameters, or else the paths.
+    ``l/v 20``. If two names are equal, it is the presets, or the parameters and values of the
+    stimulus, or else the paths, or the numbers of results that are in no file.
     """
     names = [each.name if isinstance(each, Tuning) else each.title for each in read]
     if len(read) == 1:
@@ -443,7 +444,10 @@ def _distinct_names(read: Sequence[BaseResult] | Sequence[Tuning]) -> list[str]:
     settings = _joined(_settings_of(sidecars), indicators)
     if len(set(settings)) == len(settings):
         return settings
-    return differences([each.path.as_posix() for each in read])
+    paths = [each.path.as_posix() for each in read]
+    if len(set(paths)) < len(paths):
+        return [f"result {number}" for number in range(1, len(read) + 1)]
+    return differences(paths)
 
 
 def indicator_of(sidecar: Mapping[str, Any]) -> str:
@@ -460,13 +464,21 @@ def _joined(names: Sequence[str], indicators: Sequence[str]) -> list[str]:
 
 
 def _settings_of(sidecars: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the presets of the sidecars, or the parameters that differ between them."""
+    """Return the presets of the sidecars, or the values that differ between them."""
     presets = [str(each.get("preset", "")) for each in sidecars]
     if len(set(presets)) == len(presets):
         return [f"preset {preset}" for preset in presets]
-    tables = [dict(_flat(each.get("parameters"))) for each in sidecars]
+    tables = [_values_of(each) for each in sidecars]
     keys = [key for key in tables[0] if len({repr(table.get(key)) for table in tables}) > 1]
     return [", ".join(f"{key} {table.get(key)}" for key in keys) for table in tables]
+
+
+def _values_of(sidecar: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters, and the values of the stimulus of a result that was not saved."""
+    protocol = (sidecar.get("stimulus") or {}).get("protocol", {})
+    tables = {key: value for key, value in protocol.items() if isinstance(value, dict | int)}
+    objects = {each["id"]: each for each in protocol.get("object", ())}
+    return dict(_flat(sidecar.get("parameters"))) | dict(_flat(tables | objects))
 
 
 def _flat(table: object, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -4,9 +4,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 import pytest
 
+import oppload_cli as oppload
 from oppload_cli.errors import ParameterError
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.plots.style import differences, in_number_order, labels_of, wrapped
@@ -88,6 +90,19 @@ def test_results_of_one_input_are_named_by_their_settings(tmp_path: Path) -> Non
     places = ("mouse-1/day-1", "mouse-2/day-1", "mouse-2/day-2")
     deeper = [result_of(tmp_path / place, about) for place in places]
     assert labels_of(deeper) == ["mouse-1/day-1", "mouse-2/day-1", "mouse-2/day-2"]
+
+
+def test_results_of_one_stimulus_that_were_not_saved_are_named_by_its_changed_values() -> None:
+    name, key = "controls/appearing-disk", "disk.luminance"
+    stimuli = [oppload.stimulus.load(name, {key: value}) for value in (0.1, 0.2)]
+    results = [oppload.run(each, models=["frame_difference"], rmo=False) for each in stimuli]
+    assert labels_of(results) == ["disk.luminance 0.1", "disk.luminance 0.2"]
+
+
+def test_results_of_arrays_are_numbered() -> None:
+    frames = np.zeros((3, 24, 32), np.uint8)
+    results = [oppload.run(frames, models=["frame_difference"], rate=30, rmo=False)] * 2
+    assert labels_of(results) == ["result 1", "result 2"]
 
 
 def test_tuning_tables_of_one_stimulus_are_named_by_their_settings() -> None:
