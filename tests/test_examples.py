@@ -13,7 +13,7 @@ EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "docs" / "examples").gl
 SAID = {
     "array_in": "alarm at ",
     "batch_to_table": "controls/looming-perspective",
-    "maps_at_the_peak": "strongest unit",
+    "maps_at_the_peak": "peak 0.3227",  # that of `oppload run --preset reference`
     "own_axes": "",
     "response_over_l_over_v": "     200  ",
     "stimulus_in": "s before contact",

@@ -4,11 +4,11 @@ import oppload_cli as oppload
 
 best, layers, units = 0.0, {}, None
 with oppload.open_source("controls/looming-perspective", preset="reference") as frames:
-    model = oppload.Opplod(frames.working.shape, oppload.parameters_of("opplod", "reference"))
+    params = oppload.parameters_of("opplod", "reference")
+    model = oppload.Opplod(frames.working.shape, params, frame_rate=frames.facts.frame_rate)
     for frame in frames:
-        response = model.step(frame.luma)
-        if response is not None and response.response > best:
+        if (response := model.step(frame.luma)) and response.response > best:
             best, units = response.response, model.units.responses.copy()
             layers = {name: values.copy() for name, values in model.maps.items()}
 print({name: round(float(values.mean()), 6) for name, values in layers.items()})
-print("strongest unit (row, column):", divmod(int(units.argmax()), units.shape[1]))
+print(f"peak {best:.4f}, unit (row, column):", divmod(int(units.argmax()), units.shape[1]))

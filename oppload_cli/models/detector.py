@@ -19,6 +19,7 @@ from oppload_cli.schema import Parameters, is_integer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from fractions import Fraction
 
     import numpy as np
     from numpy.typing import NDArray
@@ -175,8 +176,9 @@ class Detector(ABC):
         Height and width of the working frames.
     params : Parameters, optional
         An instance of the class `parameters`; the defaults if left out.
-    frame_rate : float, optional
-        Frames per second of the video, if known.
+    frame_rate : float or Fraction, optional
+        Frames per second of the video. Without it each frame counts as one interval of 1/30 s, so
+        that the responses to another frame rate are wrong.
     layers : Layers, optional
         Photoreceptors and DPC layers; a layer that several detectors share is computed once.
 
@@ -272,7 +274,7 @@ class Detector(ABC):
         shape: tuple[int, int],
         params: Parameters | None = None,
         *,
-        frame_rate: float | None = None,
+        frame_rate: float | Fraction | None = None,
         layers: Layers | None = None,
     ) -> None:
         shape = checked_shape(shape)
@@ -282,8 +284,8 @@ class Detector(ABC):
                 f"params must be of the class {self.parameters.__name__}, such as "
                 f"parameters_of('{self.name}'), not {params!r:.60}"
             )
-        self.shape, self.frame_rate = shape, frame_rate
-        self.layers = layers or Layers(shape, Clock(frame_rate=frame_rate))
+        self.shape, self.frame_rate = shape, float(frame_rate) if frame_rate else None
+        self.layers = layers or Layers(shape, Clock(frame_rate=self.frame_rate))
         self.params = (params or self.parameters()).resolved(min(shape))
 
     def __init_subclass__(cls) -> None:

@@ -68,6 +68,8 @@ _LPLC2 = _REFERENCE.replaced(
 class Opplod(Detector):
     """The OppLoD model; arguments as :class:`~oppload_cli.models.detector.Detector`.
 
+    Give `frame_rate`, because without it each frame counts as 1/30 s.
+
     Attributes
     ----------
     judgement : PooledJudgement, PixelwiseJudgement or ArmsJudgement
@@ -77,9 +79,9 @@ class Opplod(Detector):
 
     Examples
     --------
-    >>> import numpy as np, oppload_cli as oppload
-    >>> model = oppload.Opplod((240, 320), frame_rate=30)
+    >>> import oppload_cli as oppload
     >>> with oppload.open_source("controls/looming-perspective") as frames:
+    ...     model = oppload.Opplod(frames.working.shape, frame_rate=frames.facts.frame_rate)
     ...     responses = [model.step(frame.luma) for frame in frames]
     >>> responses[0] is None, responses[80].response > 0
     (True, True)
