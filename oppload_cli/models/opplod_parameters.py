@@ -46,10 +46,16 @@ class OpplodParams(DpcParams):
     suppression_field: float = parameter(
         1.7, "reach of an arm's suppression, divided by that of its excitation", low=0.1, high=10
     )
-    inward: float = parameter(5.0, "suppression by motion towards the middle", low=0, high=1000)
-    lateral: float = parameter(4.0, "suppression by motion across the arm", low=0, high=1000)
+    inward: float = parameter(
+        5.0,
+        "suppression of an arm by motion towards the middle; only with judgement=arms; pooled "
+        "judgement has periphery",
+        low=0,
+        high=1000,
+    )
+    lateral: float = parameter(4.0, "suppression of an arm by motion across it", low=0, high=1000)
     surround: float = parameter(
-        0.25, "suppression by all motion in the field (normalisation)", low=0, high=1000
+        0.25, "suppression of an arm by all motion in the field (normalisation)", low=0, high=1000
     )
     suppression_s: float = parameter(
         0.15, "time constant of suppression; 0: it acts at once", low=0, high=60
