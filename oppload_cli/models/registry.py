@@ -119,7 +119,7 @@ def register(detector: type[Detector]) -> type[Detector]:
     if any(each.parameters is detector.parameters for each in others):
         raise ParameterError(
             f"{where}: its parameters, {detector.parameters.__name__}, are those of another "
-            f"detector; give it a class of its own"
+            f"detector; set 'parameters' to a class that extends {detector.parameters.__name__}"
         )
     taken = {column.name for column in (*COMMON, *RMO)}.union(*map(_column_names, others))
     for column in _column_names(detector):

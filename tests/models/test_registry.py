@@ -261,7 +261,7 @@ def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> Non
             "'right' must be a field of its responses, Other",
         ),
         ({"responses": Response}, "its column 'left' must be a field of its responses, Response"),
-        ({"parameters": DlgmdParams}, "its parameters, DlgmdParams, are those of another"),
+        ({"parameters": DlgmdParams}, "set 'parameters' to a class that extends DlgmdParams"),
         ({"places": "yes"}, "its places must be True or False, not 'yes'"),
         ({"alarm_floors": {"default": 1, "papr": 1}}, "no preset 'papr'; did you mean 'paper'?"),
         ({"presets": {"papr": OtherParams()}}, "no preset 'papr'; did you mean 'paper'?"),
