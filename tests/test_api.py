@@ -322,6 +322,7 @@ def test_the_layers_of_a_model() -> None:
         (np.zeros((9, 9), np.uint8), {"rate": 30}, SourceError, r"its shape is \(9, 9\)"),
         (np.zeros((4, 9, 9), np.int64), {"rate": 30}, SourceError, "its type is int64"),
         (np.full((4, 9, 9), 2.0), {"rate": 30}, SourceError, "frame 0 holds values outside"),
+        (np.full((4, 9, 9), np.nan), {"rate": 30}, SourceError, "frame 0 holds NaN or infinite"),
         ([np.zeros((9, 9)), np.zeros((9, 8))], {"rate": 30}, SourceError, "differ in shape"),
         (3, {}, SourceError, "int: holds no frames; give a path, a camera such as 'camera:0'"),
         (["a.mp4", "b.mp4"], {}, SourceError, "a list of names .* take one name after the other"),
@@ -346,6 +347,13 @@ def test_wrong_uses(
 ) -> None:
     with pytest.raises(kind, match=sentence):
         oppload.run(source, **options)
+
+
+@pytest.mark.parametrize("when", [{"rate": 1 / 60}, {"times": [0, 60, 120]}])
+def test_an_array_whose_times_may_be_in_another_unit_has_a_remark(when: dict[str, Any]) -> None:
+    frames = np.zeros((3, 24, 32), np.uint8)
+    result = oppload.run(frames, models=["frame_difference"], rmo=False, **when)
+    assert result.sidecar["remarks"][1].startswith("frames are 60 s apart; if that is wrong, give")
 
 
 @pytest.mark.parametrize(

@@ -344,6 +344,11 @@ class _Run:
                 "has times or a rate of its own: --image-rate has no effect on it; for slow motion "
                 "give --true-rate"
             )
+        elif facts.kind == "array" and facts.frame_rate and facts.frame_rate < 1:
+            yield (
+                f"frames are {float(1 / facts.frame_rate):.3g} s apart; if that is wrong, give the "
+                "rate in frames per second, or the times in seconds"
+            )
         if facts.rate_in_file is not None and facts.frame_rate is not None:
             yield (
                 f"{true_rate} is {facts.frame_rate} frames/s, and the rate of the file "

@@ -58,14 +58,16 @@ class ArrayLuminance:
         """Return the luminance of a picture, 0 to 1, as a new array.
 
         Raises SourceError, with the picture's name, if the picture has another type, or floating
-        values outside 0 to 1.
+        values that are not finite or outside 0 to 1.
         """
         _check_type(values)
         values = values.astype(values.dtype.newbyteorder("="), copy=False)  # as OpenCV needs it
         is_float = values.dtype.kind == "f"
         if is_float:
             values = values.astype(np.float32)  # always a copy
-            if not (np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1):
+            if not np.isfinite(values).all():
+                raise SourceError(f"{name} holds NaN or infinite values; replace them")
+            if values.min() < 0 or values.max() > 1:
                 raise SourceError(f"{name} holds values outside 0 to 1; scale it, or give uint8")
         if values.ndim == 3:
             if values.dtype == np.uint8:  # OpenCV would round grey to 8 bits before it is resized

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from oppload_cli.errors import ResultError, reason_of
-from oppload_cli.files.reading import is_file, is_there, reading, text_of
+from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.files.tables import rows_in
 from oppload_cli.video.inputs import is_video
 
@@ -52,6 +52,8 @@ def read_table(
     """
     if is_video(path.name) and is_there(path):
         raise ResultError(f"{path}: is a video, not a result; run it first with 'oppload run'")
+    if is_folder(path):
+        raise ResultError(f"{path}: is a folder; {advice}")
     if path.suffix in _NO_TABLES and is_there(path):
         raise ResultError(f"{path}: is not a CSV table; {advice}")
     with reading(path, ResultError, form="text in UTF-8", repair=advice):

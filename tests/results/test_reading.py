@@ -13,6 +13,7 @@ from oppload_cli.results.reading import frame_ends, read_result, read_tuning
 from tests.results.make import frame_rows, write_rows, write_tuning
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 
@@ -72,6 +73,12 @@ def test_a_tuning_table_without_a_sidecar_is_of_no_symmetric_stimulus(tmp_path: 
     assert tuning != read_tuning(path)  # no comparison of tables, which raises a ValueError
     path.with_suffix(".json").unlink()
     assert not read_tuning(path).symmetric
+
+
+@pytest.mark.parametrize("read", [read_result, read_tuning])
+def test_a_folder_is_no_table(tmp_path: Path, read: Callable[[Path], object]) -> None:
+    with pytest.raises(ResultError, match=r": is a folder; give a .* of 'oppload "):
+        read(tmp_path)
 
 
 def test_a_frame_lasts_until_the_next_one_unless_frames_are_missing() -> None:
