@@ -109,7 +109,14 @@ class Result(reading.BaseResult):
         return dict(self.sidecar.get("summary", {}))
 
     def plot(self, **options: Any) -> tuple[Figure, list[Axes]]:
-        """Draw the responses over time, with the options of :func:`oppload_cli.plot_curves`.
+        """Draw the responses over time.
+
+        Parameters
+        ----------
+        **options
+            `models`, `scale` (``threshold``, ``peak``, ``raw``), `align`, `xlim`, `title`,
+            `labels`, `marks`, `threshold`, `any_length` and `axes`, as for
+            :func:`oppload_cli.plot_curves`.
 
         Examples
         --------

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
+import re
 import sys
 from fractions import Fraction
 from pathlib import Path
@@ -396,6 +398,11 @@ def test_a_result_without_a_response_gives_no_figure(count: int, sentence: str) 
     for plot in (oppload.plot_curves, oppload.plot_places):
         with pytest.raises(ResultError, match=sentence):
             plot(result)
+
+
+def test_the_help_on_a_results_plot_names_every_option() -> None:
+    named = re.findall(r"(?<!`)`(\w+)`(?!`)", oppload.Result.plot.__doc__ or "")
+    assert named == [*inspect.signature(oppload.plot_curves).parameters][1:]
 
 
 @pytest.mark.parametrize("name", ["curves", "places", "rmo", "tuning"])
