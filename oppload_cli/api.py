@@ -302,6 +302,12 @@ def run(
         raise ParameterError(
             f"settings must be a dict, e.g. {{'rmo.grid': 20}}, not {settings!r:.60}"
         )
+    for setting, value in (settings or {}).items():
+        if "." not in str(setting) or isinstance(value, Mapping):
+            raise ParameterError(
+                f"settings must name parameters with their set, e.g. {{'opplod.gain': 2}}, not "
+                f"{ {setting: value}!r:.60}"
+            )
     if not isinstance(rmo, bool):
         raise ParameterError(
             f"rmo must be True or False, not {rmo!r:.60}; its parameters go into settings, "

@@ -219,9 +219,13 @@ def nearest(word: object, known: Iterable[str]) -> str:
 
 
 def _similar(word: object, names: Sequence[str]) -> list[str]:
+    text = str(word)  # from Python also None or a number
+    return _similar_to(text, names) or _similar_to(text.lower(), names)
+
+
+def _similar_to(word: str, names: Sequence[str]) -> list[str]:
     import difflib  # noqa: PLC0415 - only for a misspelt word
 
-    word = str(word)  # from Python also None or a number
     begun = [name for name in names if len(word) > 2 and name.startswith(word)]
     ended = [name for name in names if name.endswith(f"_{word}")]
     return begun[:1] or ended or difflib.get_close_matches(word, names, n=1, cutoff=0.6)

@@ -342,6 +342,15 @@ def test_the_layers_of_a_model() -> None:
         ("controls/size-steps", {"rmo": oppload.RmoParams()}, ParameterError, "rmo must be True"),
         ("controls/size-steps", {"settings": {"opplod.gian": 1}}, ParameterError, "'gain'"),
         ("controls/size-steps", {"settings": ["opplod.gain=2"]}, ParameterError, "must be a dict"),
+        ("controls/size-steps", {"settings": {"gain": 2}}, ParameterError, r"not \{'gain': 2\}$"),
+        (
+            "controls/size-steps",
+            {"settings": {"opplod": {"gain": 2}}},
+            ParameterError,
+            r"with their set, e.g. \{'opplod.gain': 2\}, not \{'opplod': \{'gain': 2\}\}$",
+        ),
+        ("controls/size-steps", {"models": ["OppLoD"]}, ParameterError, "did you mean 'opplod'"),
+        ("controls/size-steps", {"rate": 25}, ParameterError, "another display.frame_rate"),
     ],
 )
 def test_wrong_uses(

@@ -313,11 +313,21 @@ def open_source(
     elif is_array:
         yield _ArrayVideo(source, rate, times, size)  # type: ignore[arg-type]
     elif isinstance(source, stimulus.Protocol):  # checked last, as it imports the stimuli
+        _check_rate(source, rate)
         yield StimulusVideo(source, size)
     else:
         raise SourceError(
             f"{type(source).__name__}: holds no frames; give a path, a camera such as 'camera:0', "
             "an open video, a stimulus or an array of frames"
+        )
+
+
+def _check_rate(protocol: stimulus.Protocol, rate: float | Fraction | None) -> None:
+    own = protocol.display.frame_rate
+    if checked_rate(rate) not in {None, own}:
+        raise ParameterError(
+            f"{protocol.name}: has {own} frames/s; leave out the rate, or load the stimulus with "
+            "another display.frame_rate"
         )
 
 
