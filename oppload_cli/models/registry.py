@@ -9,7 +9,7 @@ import os
 import re
 import sys
 from collections.abc import Mapping
-from dataclasses import make_dataclass
+from dataclasses import Field, make_dataclass
 from hashlib import sha256
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
@@ -238,6 +238,12 @@ def _check_class(detector: type[Detector]) -> str:
 
 
 def _check_parameters(detector: type[Detector], where: str) -> None:
+    for each in detector.parameters.__mro__:  # a dataclass replaces its fields by their defaults
+        if any(isinstance(value, Field) for value in vars(each).values()):
+            raise ParameterError(
+                f"{where}: its parameters, {each.__name__}, are no dataclass; write "
+                "@dataclass(frozen=True, kw_only=True) above the class"
+            )
     with faults_at(where):
         detector.parameters()  # raises the error of a wrong declaration or default
         for preset in (*detector.presets, *detector.alarm_floors):

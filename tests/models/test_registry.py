@@ -38,6 +38,10 @@ class OtherParams(Parameters):
     pass
 
 
+class NoDataclass(Parameters):
+    least: float = parameter(0.5, "least change")
+
+
 @dataclass(frozen=True)
 class OtherResponse(Response):
     left: float = 0.0
@@ -261,6 +265,10 @@ def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> Non
             "'right' must be a field of its responses, Other",
         ),
         ({"responses": Response}, "its column 'left' must be a field of its responses, Response"),
+        (
+            {"parameters": NoDataclass},
+            "NoDataclass, are no dataclass; write @dataclass(frozen=True",
+        ),
         ({"parameters": DlgmdParams}, "set 'parameters' to a class that extends DlgmdParams"),
         ({"places": "yes"}, "its places must be True or False, not 'yes'"),
         ({"alarm_floors": {"default": 1, "papr": 1}}, "no preset 'papr'; did you mean 'paper'?"),
