@@ -100,7 +100,8 @@ def plot_curves(
     any_length : bool
         Whether results of different lengths may share a panel.
     axes : Axes, optional
-        Axes to draw into; only if the curves share one panel.
+        Axes to draw into; only if the curves share one panel. If they are too narrow for the
+        legend, it has only the names of the curves.
 
     Returns
     -------
@@ -159,7 +160,9 @@ def _draw_into(axes: Axes, panels: Panels, options: CurveOptions) -> Drawn:
             "detector or one result, or leave out the axes"
         )
     _draw_responses(axes, panels[0], options)
-    axes.legend(fontsize="small")
+    legend = axes.legend(fontsize="small")
+    if legend.get_window_extent().width > axes.get_window_extent().width:
+        axes.legend(handles=_names_in_legend(panels), fontsize="small")
     axes.set_xlabel(options.time_label)
     draw_marks([axes], panels[0], options)
     return axes.figure.figure, [axes]
@@ -366,18 +369,22 @@ def _value_label(scale: str, curve: Curve) -> str:
     }[scale]
 
 
+def _names_in_legend(panels: Sequence[Sequence[Curve]]) -> list[Line2D]:
+    """Return an entry of the legend for each name of a curve, without its peak."""
+    curves = {curve.name: curve for panel in panels for curve in panel}
+    return [
+        Line2D([], [], color=curve.colour, ls=curve.dash, label=style.plain(name))
+        for name, curve in curves.items()
+    ]
+
+
 def _legend(figure: Figure, panels: Panels, notes: Sequence[str], title: str) -> None:
     """Write the title, the colours of the detectors and the notes above all panels."""
-    lines = {
-        curve.name: Line2D([], [], color=curve.colour, ls=curve.dash, label=style.plain(curve.name))
-        for curves in panels
-        for curve in curves
-    }
     # The page has room for four columns of short names, or three columns with notes.
     columns = 3 if notes else 4
     texts = [style.wrapped(note, _NOTE_WIDTH) for note in notes]
     blank = [Line2D([], [], linestyle="none", label=text) for text in texts]
-    entries = [*lines.values(), *blank]
+    entries = [*_names_in_legend(panels), *blank]
     figure.legend(
         handles=entries, loc="outside upper left", ncols=columns,
         title=title or None, title_fontsize=8, alignment="left",

@@ -452,6 +452,18 @@ def test_time_counts_from_contact(tmp_path: Path) -> None:
         plot_curves(results, align="contact")
 
 
+@pytest.mark.parametrize(("inches", "several"), [(3, False), (9, True)])
+def test_the_legend_in_narrow_axes_of_ones_own_has_only_names(
+    result: BaseResult, inches: float, several: bool
+) -> None:
+    _, (panel,) = plot_curves(result, axes=Figure((inches, 3)).subplots())
+    legend = panel.get_legend()
+    assert legend is not None
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert (texts[0] == "OppLoD") is not several
+    assert (len(texts) > 2) is several
+
+
 def test_own_axes_and_title(result: BaseResult) -> None:
     own = Figure().subplots()
     figure, (panel,) = plot_curves(result, axes=own, xlim=(0.5, 1.9))
