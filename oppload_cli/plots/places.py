@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from oppload_cli.errors import ResultError
+from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.detector import Box, Detector
 from oppload_cli.models.registry import detector_named, detectors, placing_detector
 from oppload_cli.plots import style
@@ -78,7 +78,8 @@ def plot_places(
     result : Result
         A result with the places of a detector.
     still : ndarray of float32, shape (height, width), optional
-        A frame to draw on; by default the background is white.
+        The luminance of a frame to draw on, 0 to 1, of any size, such as the `luma` of a
+        :class:`Frame`; by default the background is white.
     title : str, optional
         Title of the figure; by default the input's name.
     model : str, optional
@@ -92,7 +93,7 @@ def plot_places(
     Raises
     ------
     ParameterError
-        If it is no result.
+        If it is no result, or `still` is not of a float type.
     ResultError
         If the result has no places of the detector, or is too short for a response.
 
@@ -105,6 +106,8 @@ def plot_places(
     'x (px)'
     """
     style.check_drawn(result, BaseResult)
+    if still is not None and still.dtype.kind != "f":
+        raise ParameterError(f"still must be luminance from 0 to 1, not of type {still.dtype}")
     detector = _detector(result, model)
     places = [f"{detector.name}_{name}" for name in ("unit_x", "unit_y", *Box._fields)]
     result.need(places)
@@ -180,13 +183,13 @@ def _peak(result: BaseResult, detector: type[Detector]) -> int:
 
 
 def _size(result: BaseResult, detector: type[Detector], still: Still | None) -> tuple[int, int]:
-    """Return height and width of the source, or of the part that the places reach."""
-    if still is not None:
-        return still.shape[0], still.shape[1]
+    """Return height and width of the source, or of `still`, or of the part that places reach."""
     facts = result.part("input") or (usable_truth(result) or {}).get("display", {})
     try:
         return int(facts["height"]), int(facts["width"])
     except (KeyError, TypeError, ValueError):
+        if still is not None:
+            return still.shape[0], still.shape[1]
         frames, name = result.frames, detector.name
         right = np.fmax(frames[f"{name}_unit_x"], frames[f"{name}_x"] + frames[f"{name}_width"])
         bottom = np.fmax(frames[f"{name}_unit_y"], frames[f"{name}_y"] + frames[f"{name}_height"])

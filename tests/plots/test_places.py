@@ -9,7 +9,7 @@ import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.patches import Rectangle
 
-from oppload_cli.errors import ResultError, SourceError
+from oppload_cli.errors import ParameterError, ResultError, SourceError
 from oppload_cli.plots.places import plot_places, still_of
 from oppload_cli.results.reading import find_video, read_result
 from tests.media import write_video
@@ -48,6 +48,16 @@ def test_winning_units_over_the_frame_of_the_peak(tmp_path: Path) -> None:
     assert isinstance(box, Rectangle)
     assert box.get_bbox().bounds == (10, 20, 40, 40)
     assert panel.get_xlim() == (0, 96)
+
+
+def test_a_frame_of_another_size_is_drawn_at_the_size_of_the_source(tmp_path: Path) -> None:
+    result = result_of_video(tmp_path, str(tmp_path / "clip.avi"))
+    small = np.zeros((32, 48), np.float32)
+    panel = plot_places(result, small)[1][0]
+    assert (panel.get_xlim(), panel.get_ylim()) == ((0, 96), (64, 0))
+    assert [*panel.images[0].get_extent()] == [0, 96, 64, 0]
+    with pytest.raises(ParameterError, match="still must be luminance from 0 to 1, not of type u"):
+        plot_places(result, small.astype(np.uint8))
 
 
 def test_the_size_of_the_ground_is_that_of_a_ground_truth_without_a_sidecar(tmp_path: Path) -> None:
