@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -130,14 +131,16 @@ def plot_curves(
     if align not in {None, "contact"}:
         raise ParameterError(f"curves cannot be aligned at '{align}'; choose contact")
     for label, times in (marks or {}).items():
-        if len(times) != len(results):
+        given: object = times  # a caller may give a number, in spite of the type
+        count = len(given) if isinstance(given, Sized) else 0
+        if count != len(results):
             raise ParameterError(
-                f"marks: '{label}' has {len(times)} times; give one, or None, for each result "
+                f"marks: '{label}' has {count} times; give a list of one, or None, for each result "
                 f"({len(results)})"
             )
     options = CurveOptions(
-        style.as_names(models), scale, align, xlim, title, tuple(labels), dict(marks or {}),
-        threshold, any_length,
+        style.as_names(models), scale, align, xlim, title, style.as_names(labels),
+        dict(marks or {}), threshold, any_length,
     )  # fmt: skip
     panels = panels_of(results, options)
     style.check_xlim([curve.time for curves in panels for curve in curves], xlim)

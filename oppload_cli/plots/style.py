@@ -208,9 +208,9 @@ def check_drawn(drawn: object, kind: type) -> None:
         )
 
 
-def as_names(models: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of detectors; a text is one name, not a sequence of letters."""
-    return (models,) if isinstance(models, str) else tuple(models)
+def as_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names as a tuple; a text is one name, not a sequence of letters."""
+    return (names,) if isinstance(names, str) else tuple(names)
 
 
 def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
@@ -416,6 +416,7 @@ def labels_of(
     ParameterError
         If names are given, but not one for each.
     """
+    given = as_names(given)
     if given and len(given) != len(read):
         noun = "table" if isinstance(read[0], Tuning) else "result"
         raise ParameterError(
@@ -429,8 +430,8 @@ def _distinct_names(read: Sequence[BaseResult] | Sequence[Tuning]) -> list[str]:
     """Return what differs between results or tuning tables, a text for each.
 
     That is what differs between the names of their inputs or stimuli, such as ``l/v 10`` and
-    ``l/v 20``. If two names are equal, it is the presets, or the parameters and values of the
-    stimulus, or else the paths, or the numbers of results that are in no file.
+    ``l/v 20``. If two names are equal, it is the presets, the parameters and values of the
+    stimulus that all have, the detectors, the paths, or the numbers of results that are in no file.
     """
     names = [each.name if isinstance(each, Tuning) else each.title for each in read]
     if len(read) == 1:
@@ -442,8 +443,9 @@ def _distinct_names(read: Sequence[BaseResult] | Sequence[Tuning]) -> list[str]:
     if len(set(names)) == len(names):
         return _joined(differences(names), indicators)
     settings = _joined(_settings_of(sidecars), indicators)
-    if len(set(settings)) == len(settings):
-        return settings
+    for texts in (settings, [", ".join(each.models) for each in read]):
+        if len(set(texts)) == len(texts):
+            return texts
     paths = [each.path.as_posix() for each in read]
     if len(set(paths)) < len(paths):
         return [f"result {number}" for number in range(1, len(read) + 1)]
@@ -469,8 +471,9 @@ def _settings_of(sidecars: Sequence[Mapping[str, Any]]) -> list[str]:
     if len(set(presets)) == len(presets):
         return [f"preset {preset}" for preset in presets]
     tables = [_values_of(each) for each in sidecars]
-    keys = [key for key in tables[0] if len({repr(table.get(key)) for table in tables}) > 1]
-    return [", ".join(f"{key} {table.get(key)}" for key in keys) for table in tables]
+    shared = [key for key in tables[0] if all(key in table for table in tables)]
+    keys = [key for key in shared if len({repr(table[key]) for table in tables}) > 1]
+    return [", ".join(f"{key} {table[key]}" for key in keys) for table in tables]
 
 
 def _values_of(sidecar: Mapping[str, Any]) -> dict[str, Any]:

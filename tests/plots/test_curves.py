@@ -493,8 +493,10 @@ def test_an_axis_without_a_frame_is_an_error(
 
 
 def test_each_result_has_its_marks(result: BaseResult) -> None:
-    with pytest.raises(ParameterError, match=r"'onset' has 2 times; give one, .* result \(1\)"):
+    with pytest.raises(ParameterError, match=r"'onset' has 2 times; give a list .* \(1\)"):
         plot_curves(result, marks={"contact": [1.0], "onset": [0.5, 1.0]})
+    with pytest.raises(ParameterError, match="'contact' has 0 times; give a list of one, or None"):
+        plot_curves(result, marks={"contact": 1.0})  # type: ignore[dict-item]
 
 
 @pytest.mark.parametrize("options", [{"scale": "log"}, {"align": "onset"}])

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -99,6 +100,15 @@ def test_results_of_one_stimulus_that_were_not_saved_are_named_by_its_changed_va
     assert labels_of(results) == ["disk.luminance 0.1", "disk.luminance 0.2"]
 
 
+def test_results_of_one_input_are_named_by_their_detectors_if_these_differ(tmp_path: Path) -> None:
+    about: dict[str, object] = {"input": {"name": "clip.avi"}, "parameters": {"opplod": {"x": 1}}}
+    both = result_of(tmp_path / "both", about)
+    one = replace(both, frames=both.frames.drop(columns="dlgmd_response"))
+    other = replace(both, sidecar={**about, "parameters": {"dlgmd": {"x": 2}}})
+    assert both.models == ("opplod", "dlgmd")
+    assert labels_of([one, other]) == ["opplod", "opplod, dlgmd"]
+
+
 def test_results_of_arrays_are_numbered() -> None:
     frames = np.zeros((3, 24, 32), np.uint8)
     results = [oppload.run(frames, models=["frame_difference"], rate=30, rmo=False)] * 2
@@ -119,6 +129,7 @@ def test_tuning_tables_of_one_stimulus_are_named_by_their_settings() -> None:
 def test_given_names_are_one_for_each(tmp_path: Path) -> None:
     result = result_of(tmp_path / "a", {})
     assert labels_of([result], ["mine"]) == ["mine"]
+    assert labels_of([result], "mine") == ["mine"]  # not a name for each letter
     assert labels_of([result]) == ["clip"]
     with pytest.raises(ParameterError, match="2 labels for 1 result;"):
         labels_of([result], ["a", "b"])
