@@ -326,7 +326,8 @@ def test_its_detections_are_listed(result: Path) -> None:
 
 
 def test_it_has_a_line_in_a_tuning(tmp_path: Path) -> None:
-    (tmp_path / "disk.toml").write_text(DISK.format(before=0))
+    held = "motion_s = 0.6\nafter_s = 0.1"  # a curve of peaks in the last frame would be grey
+    (tmp_path / "disk.toml").write_text(DISK.format(before=0).replace("motion_s = 0.6", held))
     done = oppload(
         "tune", tmp_path / "disk.toml", "-o", tmp_path, "--height", "native", "--jobs",
         "1", "--model", "toy", "--plot", "svg",

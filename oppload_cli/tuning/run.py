@@ -323,7 +323,7 @@ def _to_onset(conditions: Sequence[Condition], protocols: Sequence[Protocol]) ->
         yield from _about_peaks(
             name,
             early,
-            "at the start of the motion",
+            "at the start of the motion: no tuning",
             f"come within {_ONSET_S:.2g} s after the start of the motion: they are responses to "
             f"this start, and show no tuning{advice if helps else ''}",
         )
@@ -334,7 +334,7 @@ def _about_peaks(name: str, doubted: Sequence[bool], note: str, text: str) -> It
     if any(doubted):
         part = f"{sum(doubted)} of {len(doubted)} peaks"
         label = detector_named(name).label
-        yield Doubt(name, f"{part} {note}: no tuning", f"{label}: {part} {text}")
+        yield Doubt(name, f"{part} {note}", f"{label}: {part} {text}")
 
 
 def _within_warm_up(
@@ -362,7 +362,7 @@ def _within_warm_up(
         yield from _about_peaks(
             name,
             missed,
-            "cut off by the warm-up",
+            "cut off by the warm-up: no tuning",
             f"are 0 or its first response, because it responds only from {first_s:.2g} s after the "
             "start of the motion on, when more than half of the motion is over: they show no "
             "tuning; choose a slower or longer motion",
@@ -384,7 +384,7 @@ def _cut_off_by_end(
         yield from _about_peaks(
             name,
             last,
-            "in the last frame",
+            "in the last frame: cut off",
             "come in the last frame, while an object still grows: a later and larger peak cannot "
             f"be seen; give a larger {key}",
         )
@@ -435,7 +435,7 @@ def _to_vanishing(
         yield from _about_peaks(
             name,
             late,
-            "when an object vanishes",
+            "when an object vanishes: no tuning",
             f"come within {_ONSET_S:.2g} s after an object has vanished: they are responses to "
             f"this, and show no tuning; {advice} keeps the object",
         )

@@ -373,7 +373,7 @@ def test_peaks_in_the_last_frame_of_a_growth_are_named(changes: dict[str, Any], 
     doubts = [each for each in doubts_about(tune(sweep), sweep) if "last frame" in each.note]
     assert len(doubts) == bool(key)
     for doubt in doubts:
-        assert doubt[:2] == ("frame_difference", "2 of 2 peaks in the last frame: no tuning")
+        assert doubt[:2] == ("frame_difference", "2 of 2 peaks in the last frame: cut off")
         assert doubt.text.endswith(f"cannot be seen; give a larger {key}")
 
 

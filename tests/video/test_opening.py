@@ -163,7 +163,7 @@ def test_a_bug_in_the_process_is_raised_with_its_traceback(
         def __init__(self, one: str, two: str) -> None:
             super().__init__(f"{one} {two}")
 
-    def broken(*_: object) -> None:
+    def broken(*_: object, **__: object) -> None:
         raise TwoWordsError("on", "purpose")
 
     monkeypatch.setattr("oppload_cli.video.container.ContainerSource", broken)
