@@ -305,7 +305,7 @@ def run(
     for setting, value in (settings or {}).items():
         if "." not in str(setting) or isinstance(value, Mapping):
             raise ParameterError(
-                f"settings must name parameters with their set, e.g. {{'opplod.gain': 2}}, not "
+                f"settings must name parameters with their set, e.g. {{'rmo.grid': 20}}, not "
                 f"{ {setting: value}!r:.60}"
             )
     if not isinstance(rmo, bool):

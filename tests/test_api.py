@@ -347,7 +347,7 @@ def test_the_layers_of_a_model() -> None:
             "controls/size-steps",
             {"settings": {"opplod": {"gain": 2}}},
             ParameterError,
-            r"with their set, e.g. \{'opplod.gain': 2\}, not \{'opplod': \{'gain': 2\}\}$",
+            r"with their set, e.g. \{'rmo.grid': 20\}, not \{'opplod': \{'gain': 2\}\}$",
         ),
         ("controls/size-steps", {"models": ["OppLoD"]}, ParameterError, "did you mean 'opplod'"),
         ("controls/size-steps", {"rate": 25}, ParameterError, "another display.frame_rate"),
