@@ -112,6 +112,8 @@ class Video:
     def begin(self) -> Iterator[Frame]:
         """Begin to decode, and return the iterator over the frames; there is only one."""
         if self._iterator is None:
+            if self._source.stopping:
+                raise _closed(self._source)
             self._iterator = self._frames()
             if self._ahead:
                 ahead = frames_ahead(self.facts, self.working, colour=self._colour is not None)
@@ -207,11 +209,14 @@ def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
     `ahead` is the thread that takes the pictures, if there is one. May be called twice.
     """
     source.stopping = True
-    # A caller in another thread would take StopIteration for the end of the video.
-    closed = SourceError(f"{source.facts.name}: was closed before its last frame; open it again")
-    # If the thread does not end, because it waits for a device or a network, the source stays open.
-    if ahead is None or ahead.close(closed):
+    # A caller in another thread would take StopIteration for the end of the video. If the thread
+    # does not end, because it waits for a device or a network, the source stays open.
+    if ahead is None or ahead.close(_closed(source)):
         source.close()
+
+
+def _closed(source: PictureSource) -> SourceError:
+    return SourceError(f"{source.facts.name}: was closed before its last frame; open it again")
 
 
 def source_of(

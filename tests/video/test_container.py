@@ -667,6 +667,10 @@ def test_a_recording_without_its_index(tmp_path: Path, bytes_of_index: int, mess
 def test_a_video_that_is_closed_in_the_middle_does_not_look_complete(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.avi", grey_frames(40))
     video = open_video(path)
+    video.close()
+    with pytest.raises(SourceError, match=r"a.avi: was closed before its last frame"):
+        next(iter(video))
+    video = open_video(path)
     frames = iter(video)
     next(frames)
     video.close()
