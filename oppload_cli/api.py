@@ -17,7 +17,7 @@ from oppload_cli.files.atomic import part_of, write_atomic
 from oppload_cli.files.reading import is_file
 from oppload_cli.files.tables import Table
 from oppload_cli.pipeline.execute import collected
-from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.settings import check_assignments, resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
 from oppload_cli.pipeline.task import IfExists, Outputs
 from oppload_cli.report.writing import write_report
@@ -285,7 +285,7 @@ def run(
     StimulusError
         If the stimulus of a TOML file is not valid, or if the file has several.
     ParameterError
-        If a name or a value is wrong.
+        If a name or a value is wrong, or a setting belongs to a part that does not run.
 
     Examples
     --------
@@ -313,14 +313,16 @@ def run(
             f"rmo must be True or False, not {rmo!r:.60}; its parameters go into settings, "
             "e.g. {'rmo.grid': 20}"
         )
+    assignments = [f"{name}={_text(value)}" for name, value in (settings or {}).items()]
     chosen = resolve(
         preset=preset,
         models=list(names),
         height=None if height is None else str(height),
         fov=None if fov is None else str(fov),
         measure_rmo=rmo,
-        assignments=[f"{name}={_text(value)}" for name, value in (settings or {}).items()],
+        assignments=assignments,
     )
+    check_assignments(assignments, chosen.models, measure_rmo=rmo)
     records: list[FrameRecord] = []
     pixels = chosen.height or "native"
     with open_source(source, rate=rate, times=times, height=pixels, preset=chosen.preset) as frames:

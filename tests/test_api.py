@@ -350,6 +350,18 @@ def test_the_layers_of_a_model() -> None:
             r"with their set, e.g. \{'rmo.grid': 20\}, not \{'opplod': \{'gain': 2\}\}$",
         ),
         ("controls/size-steps", {"models": ["OppLoD"]}, ParameterError, "did you mean 'opplod'"),
+        (
+            "controls/size-steps",
+            {"models": ["dlgmd"], "settings": {"opplod.gain": 2}},
+            ParameterError,
+            "setting opplod.gain=2 has no effect, as 'opplod' does not run",
+        ),
+        (
+            "controls/size-steps",
+            {"rmo": False, "settings": {"rmo.grid": 20}},
+            ParameterError,
+            "setting rmo.grid=20 has no effect, as RMO is not measured",
+        ),
         ("controls/size-steps", {"rate": 25}, ParameterError, "another display.frame_rate"),
     ],
 )

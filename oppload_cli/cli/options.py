@@ -19,7 +19,7 @@ from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
 from oppload_cli.processes import cores
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping
 
     Command = Callable[..., Any]
 
@@ -178,28 +178,6 @@ def check_models(names: Iterable[str], command: str) -> None:
             raise ParameterError(
                 f"no model '{name}'{suggestion(name, known)} (load a model of your own with "
                 f"'oppload --load FILE.py {command} ...')"
-            )
-
-
-def check_assignments(
-    assignments: Iterable[str], models: Sequence[str], *, measure_rmo: bool
-) -> None:
-    """Raise ParameterError if a value of ``--set`` belongs to a part that does not run."""
-    from oppload_cli.models.registry import known_names
-
-    idle = set(known_names()) - set(models)
-    floors = {f"alarm.{name}_floor": name for name in idle}
-    for text in assignments:
-        target = text.partition("=")[0].strip()
-        name = floors.get(target, target.partition(".")[0])
-        if name in idle:
-            raise ParameterError(
-                f"--set {text} has no effect, as '{name}' does not run; give --model {name} too, "
-                "or leave it out"
-            )
-        if name == "rmo" and not measure_rmo:
-            raise ParameterError(
-                f"--set {text} has no effect, as RMO is not measured; leave it out"
             )
 
 

@@ -27,7 +27,7 @@ from oppload_cli.batch.plan import (
 )
 from oppload_cli.batch.tasks import run_tasks
 from oppload_cli.cli import say
-from oppload_cli.cli.options import RunOptions, check_assignments, check_models
+from oppload_cli.cli.options import RunOptions, check_models
 from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, faults, outcome_lines
 from oppload_cli.cli.report import write_pages
 from oppload_cli.compute import loops
@@ -48,7 +48,7 @@ from oppload_cli.models.detector import Detector
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.settings import Settings, resolve
+from oppload_cli.pipeline.settings import Settings, check_assignments, resolve
 from oppload_cli.pipeline.task import (
     REMEDY,
     IfExists,

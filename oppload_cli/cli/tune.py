@@ -97,7 +97,6 @@ def tune(
     values = parsed_settings(changes)
     options.check_models(chosen["models"], "tune")
     for sweep in sweeps(stimulus, figures, values, over, chosen | {"usual": STUDY_PRESET}):
-        options.check_assignments(chosen["assignments"], sweep.settings.models, measure_rmo=False)
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
         paths = [table, table.with_suffix(".json")]
         paths += [table.with_suffix(f".{form}")] if form != "none" else []

@@ -252,6 +252,29 @@ def resolve(
     return _with_command_line(settings, options, assignments).without_idle_detectors()
 
 
+def check_assignments(
+    assignments: Sequence[str], models: Sequence[str], *, measure_rmo: bool
+) -> None:
+    """Raise ParameterError if a single setting belongs to a part that does not run.
+
+    `assignments` are those of :func:`resolve`, `models` the detectors that run.
+    """
+    idle = set(known_names()) - set(models)
+    floors = {f"alarm.{name}_floor": name for name in idle}
+    for text in assignments:
+        target = text.partition("=")[0].strip()
+        name = floors.get(target, target.partition(".")[0])
+        if name in idle:
+            raise ParameterError(
+                f"setting {text} has no effect, as '{name}' does not run; give --model {name} (in "
+                "Python models) too, or leave it out"
+            )
+        if name == "rmo" and not measure_rmo:
+            raise ParameterError(
+                f"setting {text} has no effect, as RMO is not measured; leave it out"
+            )
+
+
 def _needed_detectors(
     models: Sequence[str], content: Mapping[str, Any], assignments: Sequence[str]
 ) -> Sequence[str]:

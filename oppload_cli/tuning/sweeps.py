@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, StimulusError, faults_at, suggestion
-from oppload_cli.pipeline.settings import Settings, resolve
+from oppload_cli.pipeline.settings import Settings, check_assignments, resolve
 from oppload_cli.results.reading import direction_of
 from oppload_cli.stimulus.catalogue import Entry, find
 from oppload_cli.stimulus.tables import key_of, value_at
@@ -163,7 +163,7 @@ def sweeps(
         If there is no such stimulus, or if nothing is swept.
     """
     if stimulus is not None:
-        return [_sweep_of(stimulus, changes, over, settings)]
+        return [_checked(_sweep_of(stimulus, changes, over, settings), settings)]
     names = [name for given in figures for name in (FIGURES if given == _EVERY else [given])]
     for name in names:
         if name not in FIGURES:
@@ -171,7 +171,15 @@ def sweeps(
             raise ParameterError(f"--figure {name}: no such figure{hint}")
     if over and len(set(names)) > 1:
         raise ParameterError("--over needs exactly one --figure; give one of them")
-    return [_figure_sweep(name, changes, over, settings) for name in dict.fromkeys(names)]
+    return [
+        _checked(_figure_sweep(name, changes, over, settings), settings)
+        for name in dict.fromkeys(names)
+    ]
+
+
+def _checked(sweep: Sweep, settings: Mapping[str, Any]) -> Sweep:
+    check_assignments(settings.get("assignments", ()), sweep.settings.models, measure_rmo=False)
+    return sweep
 
 
 def _sweep_of(

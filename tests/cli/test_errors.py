@@ -81,12 +81,12 @@ WRONG = [
     (
         ["run", "CLIP", "--model", "dlgmd", "--set", "opplod.gain=2"],
         2,
-        "--set opplod.gain=2 has no effect, as 'opplod' does not run; give --model opplod too",
+        "setting opplod.gain=2 has no effect, as 'opplod' does not run; give --model opplod (in",
     ),
     (
         ["run", "CLIP", "--model", "dlgmd", "--set", "alarm.opplod_floor=2"],
         2,
-        "--set alarm.opplod_floor=2 has no effect, as 'opplod' does not run; give --model opplod",
+        "setting alarm.opplod_floor=2 has no effect, as 'opplod' does not run; give --m",
     ),
     (
         ["run", "CLIP", "--model", "opplod:reference", "--preset", "paper"],
@@ -96,7 +96,7 @@ WRONG = [
     (
         ["run", "CLIP", "--no-rmo", "--set", "rmo.grid=8"],
         2,
-        "--set rmo.grid=8 has no effect, as RMO is not measured; leave it out",
+        "setting rmo.grid=8 has no effect, as RMO is not measured; leave it out",
     ),
     (
         ["run", "CLIP", "--repeats", "keep", "--set", "repeats.handling=near"],

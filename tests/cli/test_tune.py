@@ -137,7 +137,7 @@ def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path) -> No
         (["--figure", "contrast", "--change", "disk.luminance=0"], "figure contrast sweeps it"),
         (["DISK", "--indicator", "-1"], "--indicator"),
         (["DISK", "--indicator", "nan"], "--indicator must be 0 to 60 seconds, not nan"),
-        (["DISK", "--set", "rmo.grid=8"], "--set rmo.grid=8 has no effect"),
+        (["DISK", "--set", "rmo.grid=8"], "setting rmo.grid=8 has no effect"),
         (["klapoetke2017/loom"], "has no sweep of its own"),
         (["DISK", "--over", "sped=1"], "did you mean 'speed'"),
         (["DISK", "--over", "speed="], "its values cannot be read"),
