@@ -70,9 +70,12 @@ class ArrayLuminance:
             if values.min() < 0 or values.max() > 1:
                 raise SourceError(f"{name} holds values outside 0 to 1; scale it, or give uint8")
         if values.ndim == 3:
+            code = cv2.COLOR_RGB2GRAY
+            if values.strides[2] < 0:  # bgr[..., ::-1], which would take three times as long
+                values, code = values[..., ::-1], cv2.COLOR_BGR2GRAY
             if values.dtype == np.uint8:  # OpenCV would round grey to 8 bits before it is resized
                 values = np.multiply(values, np.uint16(257), dtype=np.uint16)
-            values = np.asarray(cv2.cvtColor(np.ascontiguousarray(values), cv2.COLOR_RGB2GRAY))
+            values = np.asarray(cv2.cvtColor(np.ascontiguousarray(values), code))
         if not is_float:
             bits = 8 * values.dtype.itemsize
             return self._of_plane(Picture(0, 0.0, np.ascontiguousarray(values), bits))

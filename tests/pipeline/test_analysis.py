@@ -585,6 +585,17 @@ def test_colours_are_not_rounded_to_grey_of_8_bits() -> None:
     np.testing.assert_array_equal(whole(grey, "it"), whole(grey[..., 0], "it"))
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_a_reversed_view_of_bgr_gives_the_luminance_of_its_copy(kind: type) -> None:
+    codes = np.random.default_rng(4).integers(0, 256, (90, 120, 3))
+    bgr = (codes / 255 * (1 if kind is np.float32 else np.iinfo(kind).max)).astype(kind)
+    luminance = ArrayLuminance(WorkingSize(60, 45, 2, 2))
+    rgb, before = bgr[..., ::-1], bgr.copy()
+    np.testing.assert_array_equal(luminance(rgb, "it"), luminance(rgb.copy(), "it"))
+    np.testing.assert_array_equal(bgr, before)
+    assert not np.allclose(luminance(rgb, "it"), luminance(bgr, "it"), atol=0.01)
+
+
 def test_wrong_frames_one_by_one() -> None:
     analysis = Analysis((90, 120))
     wrong: Any
