@@ -16,6 +16,10 @@ import cv2
 import numpy as np
 import pytest
 
+import oppload_cli as oppload
+from tests.cli import inside
+from tests.media import disk
+
 PAGES = Path(__file__).resolve().parents[1] / "docs" / "howto"
 RCLPY = """
 class Publisher:
@@ -88,6 +92,29 @@ def scripts_of(name: str) -> list[str]:
     """Return the Python code of a page that no other test runs."""
     page = (PAGES / name).read_text(encoding="utf-8")
     return re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+
+
+def test_the_log_of_a_loop_over_a_camera_can_be_read_and_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has the alarms and boxes of the frames that were kept."""
+    page = (PAGES.parent / "python.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (script,) = [block for block in blocks if "DictWriter" in block]
+    grown = [1 - disk(120, 60, 60, 60 / (30 - frame)) for frame in range(26)]
+    frames = [(255 * frame).round().astype(np.uint8) for frame in grown]
+    times = [index / 30 for index in range(26)]
+    camera = [(frame, 1000 + time_s) for frame, time_s in zip(frames, times, strict=True)]
+    monkeypatch.chdir(tmp_path)
+    names = {"analysis": oppload.Analysis((120, 120)), "camera": camera}
+    exec(compile(script, "python.md", "exec"), names)  # noqa: S102 - the page's own code
+    logged = oppload.read_result("flight.frames.csv").frames
+    kept = oppload.run(np.stack(frames), times=times, rmo=False).frames
+    assert kept["opplod_alarm"].sum() > 2
+    for name in kept:
+        assert logged[name].to_numpy() == pytest.approx(kept[name].to_numpy(), 1e-6, nan_ok=True)
+    done = inside.oppload("plot", "flight.frames.csv")
+    assert (done.returncode, Path("flight.frames.png").exists()) == (0, True), done.stderr
 
 
 def test_images_have_the_times_of_their_names(

@@ -133,7 +133,8 @@ class FrameRecord:
         """Return the values by column; the columns are the same for every frame.
 
         A missing value is None: a response during warm-up, a box if nothing looms, RMO if it was
-        not measured, degrees if the field of view is not known.
+        not measured, degrees if the field of view is not known. An alarm is 0 or 1, as in the
+        table.
         """
         values: dict[str, Cell] = {
             "frame": self.frame,
@@ -145,7 +146,7 @@ class FrameRecord:
             detector = detector_named(name)
             cells: dict[str, Cell] = {
                 "response": None if response is None else response.response,
-                "alarm": self.alarms.get(name, False),
+                "alarm": int(self.alarms.get(name, False)),
             }
             if detector.places:
                 detection = self.objects.get(name)
