@@ -57,7 +57,8 @@ class Analysis:
 
     The results are those of :func:`analyse` for a video of the same frames: responses, alarms, and
     looming objects with boxes and times to contact. An `Analysis` cannot be copied or pickled.
-    Several threads may share one: it takes one frame after the other.
+    Several threads may share one, which takes one frame after the other; give the frames in the
+    order of their times. Objects in different threads do not disturb each other.
 
     Parameters
     ----------
@@ -154,6 +155,10 @@ class Analysis:
             If the frame has another shape, or its time is not finite.
         SourceError
             If the array has another type, or floating values outside 0 to 1.
+
+        Notes
+        -----
+        After such an error go on with the next frame: a refused frame leaves no trace.
         """
         with self._lock:  # the compiled loops of two frames would write into the same memory
             record = self._step(frame, time_s)
@@ -174,9 +179,11 @@ class Analysis:
                 (rows * 3 // 2, columns): f"give the luma, which is frame[:{rows}] of NV12 or I420",
             }
             if not values.shape:
+                remedy = "give an array of NumPy, such as umat.get() of a UMat"
+                if frame is None:
+                    remedy = "OpenCV gives None where it could read no frame"
                 raise FrameError(
-                    f"frame {count}: a frame must be an array, not {frame!r:.60}; OpenCV gives "
-                    "None where it could read no frame"
+                    f"frame {count}: a frame must be an array, not {frame!r:.60}; {remedy}"
                 )
             another_size = "make another Analysis for frames of another size"
             raise FrameError(

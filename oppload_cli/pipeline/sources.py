@@ -60,7 +60,7 @@ class ArrayLuminance:
         Raises SourceError, with the picture's name, if the picture has another type, or floating
         values that are not finite or outside 0 to 1.
         """
-        _check_type(values)
+        _check_type(values, name)
         values = values.astype(values.dtype.newbyteorder("="), copy=False)  # as OpenCV needs it
         is_float = values.dtype.kind == "f"
         if is_float:
@@ -152,7 +152,7 @@ class _ArrayVideo(_VideoInMemory):
                 f"array: its shape is {shape}; give (frames, height, width), or with a last axis "
                 "of red, green and blue"
             )
-        _check_type(self._frames)
+        _check_type(self._frames, "array")
         count, rows, columns = shape[:3]
         declared = checked_rate(rate)
         if times is not None:
@@ -228,12 +228,12 @@ def _checked_times(times: Times, count: int) -> list[float]:
     return [float(value) for value in values]
 
 
-def _check_type(frames: Frames) -> None:
+def _check_type(frames: Frames, name: str) -> None:
     """Raise a SourceError for an array whose type does not say which value is white."""
     native = frames.dtype.newbyteorder("=")  # stacks of microscopes are often big-endian
     if native not in {np.dtype(np.uint8), np.dtype(np.uint16)} and native.kind != "f":
         raise SourceError(
-            f"array: its type is {frames.dtype}; give uint8 or uint16, or float from 0 to 1"
+            f"{name}: its type is {frames.dtype}; give uint8 or uint16, or float from 0 to 1"
         )
 
 

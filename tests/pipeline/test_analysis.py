@@ -10,6 +10,7 @@ from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -25,7 +26,7 @@ from oppload_cli import (
     run,
     stimulus,
 )
-from oppload_cli.errors import FrameError, ParameterError, SourceError
+from oppload_cli.errors import FrameError, OpploadError, ParameterError, SourceError
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box, Response
 from oppload_cli.models.frame_difference import FrameDifferenceParams
@@ -607,14 +608,25 @@ def test_wrong_frames_one_by_one() -> None:
         (np.zeros((90, 120)), None, FrameError, "finite number of seconds, not None"),
         (np.zeros((90, 120)), np.timedelta64(33, "ms"), FrameError, r"seconds, not .*\(33,'ms'\)"),
         (np.zeros((90, 120)), "0.5", FrameError, "finite number of seconds, not '0.5'"),
-        (None, 0.0, FrameError, "must be an array, not None; OpenCV"),
-        (np.zeros((90, 120), np.int64), 0.0, SourceError, "type is int64"),
+        (None, 0.0, FrameError, "must be an array, not None; OpenCV gives None"),
+        (cv2.UMat(np.zeros((90, 120))), 0.0, FrameError, r"UMat.*; give an array .* umat.get\(\)"),
+        (np.zeros((90, 120), np.int64), 0.0, SourceError, "^frame 0: its type is int64"),
         (np.full((90, 120), 200.0), 0.0, SourceError, "frame 0 holds values outside"),
     ):
         frame, time_s, kind, sentence = wrong
         with pytest.raises(kind, match=sentence):
             analysis.step(frame, time_s)
     assert analysis.step(np.zeros((90, 120)), 5.0).time_s == 0  # the wrong frames did not count
+
+
+def test_a_refused_frame_leaves_no_trace(undisturbed: list[FrameRecord]) -> None:
+    analysis = Analysis((180, 320))
+    wrong = [(None, 0.5), (np.full((180, 320), 2.0), 0.5), (approach()[5], np.nan)]
+    for index, expected in enumerate(undisturbed):
+        for frame, time_s in wrong if index % 5 == 0 else []:
+            with pytest.raises(OpploadError):
+                analysis.step(frame, time_s)  # type: ignore[arg-type]
+        assert analysis.step(approach()[index], TIMES[index]) == expected
 
 
 @pytest.mark.parametrize(
