@@ -447,6 +447,15 @@ def test_threads_that_share_an_analysis_take_turns(monkeypatch: pytest.MonkeyPat
     assert (sorted(each.frame for each in records), met) == ([0, 1, 2, 3], [False] * 4)
 
 
+def test_objects_in_two_threads_do_not_disturb_each_other(undisturbed: list[FrameRecord]) -> None:
+    def watched(_camera: int) -> list[FrameRecord]:
+        analysis = Analysis((180, 320))
+        return [analysis.step(*each) for each in zip(approach(), TIMES, strict=True)]
+
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(watched, range(2))) == [undisturbed] * 2
+
+
 def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
     analysis = Analysis((180, 320), height=90, fov=60)
     for index, frame in enumerate(approach()):
