@@ -180,7 +180,7 @@ class Analysis:
             }
             if not values.shape:
                 remedy = "give an array of NumPy, such as umat.get() of a UMat"
-                if frame is None:
+                if values.item() is None:
                     remedy = "OpenCV gives None where it could read no frame"
                 raise FrameError(
                     f"frame {count}: a frame must be an array, not {frame!r:.60}; {remedy}"

@@ -597,8 +597,8 @@ def test_colours_are_not_rounded_to_grey_of_8_bits() -> None:
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
 def test_a_reversed_view_of_bgr_gives_the_luminance_of_its_copy(kind: type) -> None:
-    codes = np.random.default_rng(4).integers(0, 256, (90, 120, 3))
-    bgr = (codes / 255 * (1 if kind is np.float32 else np.iinfo(kind).max)).astype(kind)
+    white = 1 if kind is np.float32 else np.iinfo(kind).max
+    bgr: NDArray[Any] = (white * np.random.default_rng(4).random((90, 120, 3))).astype(kind)
     luminance = ArrayLuminance(WorkingSize(60, 45, 2, 2))
     rgb, before = bgr[..., ::-1], bgr.copy()
     np.testing.assert_array_equal(luminance(rgb, "it"), luminance(rgb.copy(), "it"))
@@ -618,7 +618,7 @@ def test_wrong_frames_one_by_one() -> None:
         (np.zeros((90, 120)), np.timedelta64(33, "ms"), FrameError, r"seconds, not .*\(33,'ms'\)"),
         (np.zeros((90, 120)), "0.5", FrameError, "finite number of seconds, not '0.5'"),
         (None, 0.0, FrameError, "must be an array, not None; OpenCV gives None"),
-        (cv2.UMat(np.zeros((90, 120))), 0.0, FrameError, r"UMat.*; give an array .* umat.get\(\)"),
+        (cv2.UMat(90, 120, cv2.CV_8U), 0.0, FrameError, r"UMat.*; give an array .* umat.get\(\)"),
         (np.zeros((90, 120), np.int64), 0.0, SourceError, "^frame 0: its type is int64"),
         (np.full((90, 120), 200.0), 0.0, SourceError, "frame 0 holds values outside"),
     ):
@@ -630,11 +630,11 @@ def test_wrong_frames_one_by_one() -> None:
 
 def test_a_refused_frame_leaves_no_trace(undisturbed: list[FrameRecord]) -> None:
     analysis = Analysis((180, 320))
-    wrong = [(None, 0.5), (np.full((180, 320), 2.0), 0.5), (approach()[5], np.nan)]
+    wrong: list[Any] = [(None, 0.5), (np.full((180, 320), 2.0), 0.5), (approach()[5], np.nan)]
     for index, expected in enumerate(undisturbed):
         for frame, time_s in wrong if index % 5 == 0 else []:
             with pytest.raises(OpploadError):
-                analysis.step(frame, time_s)  # type: ignore[arg-type]
+                analysis.step(frame, time_s)
         assert analysis.step(approach()[index], TIMES[index]) == expected
 
 
