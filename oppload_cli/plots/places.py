@@ -105,6 +105,8 @@ def plot_places(
     >>> panel.get_xlabel()
     'x (px)'
     """
+    if isinstance(result, list | tuple):
+        raise ParameterError("a map shows one result; draw each result of the list on its own")
     style.check_drawn(result, BaseResult)
     if still is not None and still.dtype.kind != "f":
         raise ParameterError(f"still must be luminance from 0 to 1, not of type {still.dtype}")

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -141,6 +141,12 @@ def test_the_places_of_the_chosen_detector(tmp_path: Path) -> None:
     without = result.frames.drop(columns=["opplod_response", "ttc_gradient_response"])
     with pytest.raises(ResultError, match=r"no detector with places; .* such as opplod$"):
         plot_places(replace(result, frames=without))
+
+
+def test_a_list_of_results_is_told_that_a_map_shows_one(tmp_path: Path) -> None:
+    result: Any = [read_result(write_result(tmp_path / "clip.frames.csv"))]
+    with pytest.raises(ParameterError, match="a map shows one result; draw each result of the"):
+        plot_places(result)
 
 
 def test_without_the_video_places_are_drawn_on_white(tmp_path: Path) -> None:
