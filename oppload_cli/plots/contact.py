@@ -141,8 +141,7 @@ def _peaks(curve: TuningCurve) -> tuple[Series, Series, Series | None]:
     The sizes are None if the table has no column of them.
     """
     tuning, rows = curve.tuning, curve.rows
-    advice = "l/v; for kind 'contact' run 'oppload tune --figure peak-time'"
-    names = [column_of(tuning, "l_over_v_ms", advice), "peak_before_contact_s"]
+    names = [_l_over_v(tuning), "peak_before_contact_s"]
     if names[1] not in tuning.rows:
         raise ResultError(f"{tuning.path}: has no column '{names[1]}'; run oppload tune again")
     names += ["size_at_peak_deg"] * ("size_at_peak_deg" in tuning.rows)
@@ -153,15 +152,22 @@ def _peaks(curve: TuningCurve) -> tuple[Series, Series, Series | None]:
     return x, before, sizes[0] if sizes else None
 
 
+def _l_over_v(tuning: Tuning) -> str:
+    """Return the name of the column of l/v; raise ResultError if l/v is not what is swept."""
+    advice = "l/v; for kind 'contact' run 'oppload tune --figure peak-time'"
+    return column_of(tuning, "l_over_v_ms", advice)
+
+
 def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the times of peaks before contact over l/v with a line, and the sizes at the peaks."""
     curves = request.curves()
     few = len(curves) <= style.FEW
     peaks = [_peaks(curve) for curve in curves]
-    if not any(_has_contact(curve) for curve in curves):
+    responding = [curve for curve in curves if (curve.peaks > 0).any()]
+    if responding and not any(_has_contact(curve) for curve in responding):
         raise ResultError(
-            f"{curves[0].tuning.path}: column 'peak_before_contact_s' is empty, as the stimulus "
-            "has no contact; draw another kind, such as 'line'"
+            f"{responding[0].tuning.path}: column 'peak_before_contact_s' is empty, as the "
+            "stimulus has no contact; draw another kind, such as 'line'"
         )
     sized = any(sizes is not None for *_, sizes in peaks)
     lines = len(curves) * (2 if few else 0.5) + 8 * request.published
@@ -170,14 +176,19 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         heights = (1.6, 1)[: 1 + sized]
         axes = style.panel_grid(figure, 1 + sized, 1, sharex=True, height_ratios=heights)
         top = None if few else _top(x for x, _, _ in peaks)
+        bands: list[tuple[PeakTimes, float, str]] = []
         more = 0  # lines of the legend, of long names and of doubts
+        if not any(len(x) for x, _, _ in peaks):  # else the axis would end near 0
+            longest = max(curve.rows[_l_over_v(curve.tuning)].max() for curve in curves)
+            axes[0].set_xlim(0, 1.05 * longest)
         for curve, (x, before, sizes) in zip(curves, peaks, strict=True):
             fit = _line(curve.tuning, x, before)
             above = top is not None and len(x) > 0 and bool(1000 * before.min() > top)
             label = _label(curve, fit, few=few, above=above)
             more += max(0, label.count("\n") - few)
             if fit:
-                _draw_line(axes[0], fit, x.max(), curve.look, limits=few)
+                _draw_line(axes[0], fit, x.max(), curve.look)
+                bands.append((fit, x.max(), curve.look["color"]))
             look: dict[str, Any] = curve.look | {"markersize": 3}
             points = look | {"linestyle": ""}
             axes[0].plot(x, 1000 * before, **points)
@@ -187,6 +198,8 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         _draw_limits(axes, [curve.tuning for curve in curves])
         if request.published:
             _draw_published(axes, axes[0].get_xlim()[1])
+        if few:
+            _draw_bands(axes[0], bands)
         axes[0].set_ylabel("peak before contact (ms)")
         if sized:
             axes[-1].set_ylabel("size at peak (deg)")
@@ -204,7 +217,9 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
 def _label(curve: TuningCurve, fit: PeakTimes | None, *, few: bool, above: bool) -> str:
     """Return the text of a curve in the legend; that of many curves has room for few words."""
     label = style.wrapped(curve.name, style.LEGEND_WIDTH)
-    if fit and few:
+    if not (curve.peaks > 0).any():
+        label += ", no response"
+    elif fit and few:
         before_delay = ", " if len(fit.text) <= _FIT_WIDTH else ",\n"
         label += f"\n{fit.text.replace(', delay', f'{before_delay}delay')}"
     elif fit:
@@ -236,16 +251,26 @@ def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | 
     return PeakTimes.through(l_over_v_ms / 1000, before_s, step)
 
 
-def _draw_line(
-    axes: Axes, fit: PeakTimes, longest: float, look: dict[str, Any], *, limits: bool
-) -> None:
-    """Draw the line through the peaks of one detector and, if wanted, its confidence interval."""
-    x = np.linspace(0, longest, 50)
-    line = fit.slope * x - 1000 * fit.delay_s
-    error = 1000 * fit.error_s(x / 1000)
-    axes.plot([x[0], x[-1]], [line[0], line[-1]], lw=0.8, **look | {"marker": ""})
-    if limits:
-        axes.fill_between(x, line - error, line + error, color=look["color"], alpha=0.15, lw=0)
+def _draw_line(axes: Axes, fit: PeakTimes, longest: float, look: dict[str, Any]) -> None:
+    """Draw the line through the peaks of one detector."""
+    x = np.array([0, longest])
+    axes.plot(x, fit.slope * x - 1000 * fit.delay_s, lw=0.8, **look | {"marker": ""})
+
+
+def _draw_bands(axes: Axes, bands: Iterable[tuple[PeakTimes, float, str]]) -> None:
+    """Draw the confidence interval of each line from 0 to some l/v in ms, in a colour.
+
+    Wide intervals, such as those of three points, make the axis at most twice as long.
+    """
+    low, high = axes.get_ylim()
+    for fit, longest, colour in bands:
+        x = np.linspace(0, longest, 50)
+        line = fit.slope * x - 1000 * fit.delay_s
+        error = 1000 * fit.error_s(x / 1000)
+        axes.fill_between(x, line - error, line + error, color=colour, alpha=0.15, lw=0)
+    more = (high - low) / 2
+    first, last = axes.get_ylim()
+    axes.set_ylim(max(first, low - more), min(last, high + more))
 
 
 def _draw_limits(axes: Sequence[Axes], tunings: Iterable[Tuning]) -> None:

@@ -93,7 +93,9 @@ class Request(NamedTuple):
     lplc2: str = "auto"  # the bar whose LPLC2 tuning a polar plot shows
 
     def curves(self) -> list[TuningCurve]:
-        """Return the curves, table by table; raise ResultError if no table has a detector."""
+        """Return the curves, table by table; raise ResultError if none has a detector."""
+        if not any(tuning.rows["peak"].notna().any() for tuning in self.tunings):
+            raise ResultError(f"{self.tunings[0].path}: column 'peak' is empty; nothing is drawn")
         for model in self.models:
             if all(tuning.of(model).empty for tuning in self.tunings):
                 raise ResultError(

@@ -114,6 +114,43 @@ def test_a_long_fit_takes_two_lines_of_the_legend(tmp_path: Path) -> None:
     assert delay.startswith("delay ")
 
 
+def test_a_wide_interval_makes_the_axis_at_most_twice_as_long(tmp_path: Path) -> None:
+    tuning = contact(tmp_path / "a.tuning.csv")
+    panel = plot_tuning(tuning, "contact", published=False)[1][0]
+    narrow = np.diff(panel.get_ylim())[0]
+    assert narrow < 300  # the points are from 10 to 220 ms
+    tuning.rows["peak_before_contact_s"] = [0.1, 0.5, 0.2, 0.4]
+    panel = plot_tuning(tuning, "contact", published=False)[1][0]
+    low, high = panel.get_ylim()
+    (band,) = panel.collections
+    assert band.get_datalim(panel.transData).height > 1.5 * (high - low)
+    assert high - low < 2 * 1.1 * 520  # points and line span 500 ms or a little more
+    assert low < 100
+    assert high > 500
+
+
+def test_without_any_peak_the_axis_shows_the_l_over_v_that_were_measured(tmp_path: Path) -> None:
+    values: dict[str, list[Any]] = {"disk.growth.l_over_v_ms": L_OVER_V}
+    path = tmp_path / "a.tuning.csv"
+    tuning = made(path, values, {"opplod": [0.0] * 4, "dlgmd": [0.0] * 4}, most_deg=60)
+    tuning.rows["peak_before_contact_s"] = math.nan
+    panel = plot_tuning(tuning, "contact", published=False)[1][0]
+    assert panel.get_xlim() == pytest.approx((0, 84))
+    texts = panel.get_legend_handles_labels()[1]
+    assert texts[:2] == ["OppLoD, no response", "D-LGMD, no response"]
+    tuning.rows.loc[tuning.rows["model"] == "dlgmd", "peak"] = 1.0  # and no contact
+    with pytest.raises(ResultError, match="'peak_before_contact_s' is empty, as the stimulus has"):
+        plot_tuning(tuning, "contact")
+
+
+@pytest.mark.parametrize("kind", ["contact", "line", "polar", "heat"])
+def test_a_table_without_any_peak_is_refused(tmp_path: Path, kind: str) -> None:
+    tuning = contact(tmp_path / "a.tuning.csv")
+    tuning.rows["peak"] = math.nan
+    with pytest.raises(ResultError, match="column 'peak' is empty; nothing is drawn"):
+        plot_tuning(tuning, kind)
+
+
 def test_times_in_whole_frames_are_no_better_known_than_to_a_frame() -> None:
     x, frame = np.array([0.02, 0.04, 0.06, 0.08]), 1 / 120
     random = np.random.default_rng(2)
