@@ -201,6 +201,7 @@ def _draw_few(panels: Panels, options: CurveOptions) -> Drawn:
             drawn.append(panel)
         for panel, curves in zip(drawn, panels, strict=True):
             draw_marks(panel, curves, options)
+            style.spread_ticks(panel[-1], style.PANEL_WIDTH)
         axes[-1].set_xlabel(options.time_label)
         figure.set_figheight(min(style.MOST_HEIGHT, 0.2 + sum(heights) + _LINE * lines))
         style.write_title(figure, options.title if len(panels) > 1 else None)
@@ -340,6 +341,7 @@ def _draw_multiples(panels: Panels, options: CurveOptions) -> Drawn:
                 log_axis(panel, top)
             draw_marks([panel], curves, options)
             panel.locator_params(axis="x", nbins=_MOST_STEPS // columns)
+            style.spread_ticks(panel, 2 * style.PANEL_WIDTH / columns)
         legend = panels if several else []
         title = options.title or ("" if several else panels[0][0].result.title)
         shown_notes = [note for note in notes if "above the panel" not in note]
@@ -436,7 +438,8 @@ def _draw_heat(panels: Panels, options: CurveOptions) -> Drawn:
             first = next(curve for curve in curves if curve.detector == detector)
             bar = _draw_bar(figure, group, f"{_value_label(scale, first)}\n{note}", scale)
             if len(groups) > 3:  # their labels stand side by side
-                bar.ax.xaxis.label.set_fontsize(5.2)
+                label = bar.ax.get_xlabel().replace(" (", "\n(", 1)
+                bar.set_label(label, fontsize=style.LEAST_SIZE)
         _write_names(axes[::columns], names)
         if options.title:
             title = style.wrapped(options.title, 2 * style.TITLE_WIDTH)

@@ -270,7 +270,7 @@ def _draw_multiples(
             panel.get_legend().remove()
             panel.set_xlabel("")
             panel.set_thetagrids(range(0, 360, 90), [])
-            panel.tick_params(labelsize=5)
+            panel.tick_params(labelsize=style.LEAST_SIZE)
             name = f"{curve.name}\n{curve.about}{curve.doubts}"
             panel.set_title(style.wrapped(name, _NARROW), fontsize=6.8, pad=3)
         style.write_title(figure, title, 2 * style.TITLE_WIDTH)

@@ -87,6 +87,7 @@ def plot_rmo(
         for number, label in enumerate(style.labels_of(results, labels)):
             own_panels = panels[3 * number : 3 * number + 3]
             _draw(own_panels, results[number], xlim)
+            style.spread_ticks(own_panels[-1], style.PANEL_WIDTH)
             own_panels[0].set_title(style.wrapped(label, style.TITLE_WIDTH))
         panels[-1].set_xlabel("time (s)")
         if title:

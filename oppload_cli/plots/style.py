@@ -47,10 +47,12 @@ GREY = "#666666"  # the small print at the foot of a figure
 CYCLE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
 MARKERS = ("o", "^", "D", "v")  # of the points of a curve, one for each kind of dashes
+LEAST_SIZE = 6  # points of the smallest letters
 FEW = 4  # so many detectors fit into one column
 SHADES = "cividis"
 LPLC2 = "#000000"
 COLUMN = 8.5 / 2.54  # inches: the width of a journal's column
+PANEL_WIDTH = 2.75  # inches: of a panel in a column, beside its labels
 PAGE = 17.8 / 2.54  # inches: two columns
 MOST_HEIGHT = 23 / 2.54  # inches: the height of a page
 _SCREEN_DPI = 150  # in a notebook the small print is then as large as the notebook's text
@@ -256,6 +258,21 @@ def check_xlim(times: Sequence[NDArray[np.float64]], xlim: tuple[float, float] |
             f"no frame is between {begin:g} and {end:g} s; the frames are between "
             f"{short_number(first)} and {short_number(last)} s"
         )
+
+
+def spread_ticks(axes: Axes, inches: float) -> None:
+    """Write so few numbers along a time axis of this length that they do not overlap.
+
+    Matplotlib takes numbers for short: those of one second an hour after the start would overlap.
+    The numbers are complete, without a common summand such as -4.999e4 beside the axis.
+    """
+    axes.ticklabel_format(axis="x", useOffset=False)
+    ticks = axes.get_xticks()
+    numbers = axes.xaxis.get_major_formatter().format_ticks(list(ticks))
+    needed = 7 / 72 * (max(map(width_em, numbers)) + 1)  # inches: letters of 7 points, and a gap
+    first, last = axes.get_xlim()
+    if len(ticks) > 1 and inches * (ticks[1] - ticks[0]) / (last - first) < needed:
+        axes.locator_params(axis="x", nbins=max(1, int(inches / needed)))
 
 
 def number_in_full(axes: Axes) -> None:

@@ -40,7 +40,7 @@ _WIDE = 16  # columns of a heat map with numbers that fit into a page
 _SMALL = 34  # characters in a line above a small panel
 _IN_A_ROW = 4  # small panels
 _MOST_LINES = 6  # in one panel; of more lines, each has a small panel
-_SMALLEST_LETTERS, _SMALLEST_LINE = 21, 0.1  # at the foot: letters in an inch, inches of a line
+_SMALLEST_LETTERS, _SMALLEST_LINE = 19, 0.1  # at the foot: letters in an inch, inches of a line
 _LABEL_LINE = 0.19  # inches of the label below small panels
 _MOST_TICKS = 24  # along a heat map
 # Letters of names along a heat map: a page wide, a column wide, small; and names one above another.
@@ -287,7 +287,8 @@ def _write_below(figure: Figure, lines: Sequence[str]) -> None:
     engine: Any = figure.get_layout_engine()
     engine.set(rect=(0, below / height, 1, 1 - below / height))
     figure.text(
-        0.99, 0.02 / height, text, ha="right", va="bottom", fontsize=5.5, color=style.GREY
+        0.99, 0.02 / height, text, ha="right", va="bottom", fontsize=style.LEAST_SIZE,
+        color=style.GREY,
     )  # fmt: skip
 
 

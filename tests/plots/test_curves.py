@@ -729,3 +729,25 @@ def test_a_figure_can_be_pickled(tmp_path: Path) -> None:
     figure, (panel,) = plot_curves(result)
     assert pickle.dumps(figure)
     assert panel.yaxis.get_major_formatter()(0.01, None) == "≤0.01"
+
+
+@pytest.mark.parametrize("contact", [1000.0, 50000.0])
+@pytest.mark.parametrize("count", [1, 7])
+def test_times_far_from_zero_do_not_overlap(tmp_path: Path, contact: float, count: int) -> None:
+    results = [read_result(write_result(tmp_path / f"{n}.frames.csv")) for n in range(count)]
+    figure, axes = plot_curves(
+        results,
+        marks={"contact": [contact] * count},
+        align="contact",
+        xlim=(-contact, 1.68 - contact),
+    )
+    figure.set_dpi(300)  # of the file, so that all lengths are in its pixels
+    save(figure, tmp_path / "figure.png")
+    axis = axes[-1].xaxis
+    first, last = axes[-1].get_xlim()
+    labels = [tick.label1 for tick in axis.get_major_ticks() if first <= tick.get_loc() <= last]
+    assert len(labels) >= 2
+    boxes = [label.get_window_extent() for label in labels]
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
+    assert axis.get_offset_text().get_text() == ""
+    assert float(labels[0].get_text().replace("\N{MINUS SIGN}", "-")) < 3 - contact

@@ -751,3 +751,13 @@ def test_a_rotated_scene_is_no_direction_of_motion(tmp_path: Path) -> None:
         assert panel.get_xlabel() == f"radius: response / peak; angle: {angle}"
         names = [curve.name for curve in polar_curves(tuning)]
         assert any(name.startswith("LPLC2") for name in names) == (key == "bar.axis_deg")
+
+
+def test_small_polar_plots_and_the_foot_have_letters_of_six_points(tmp_path: Path) -> None:
+    values: dict[str, list[Any]] = {"bar.axis_deg": [0, 45, 90, 135]}
+    peaks = {name: [1.0, 2, 3, 2] for name in list(detectors())[:8]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks, preset="paper"))
+    figure, _ = plot_tuning(tuning, "polar")
+    texts = [text for text in figure.findobj(Text) if text.get_text()]
+    assert any(text.get_text() == "preset paper" for text in texts)
+    assert min(text.get_fontsize() for text in texts) == 6
