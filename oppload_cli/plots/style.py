@@ -90,6 +90,7 @@ _STYLE: Any = {  # Any: the stubs list every key that matplotlib has
     "xtick.major.width": 0.7,
     "ytick.major.width": 0.7,
     "savefig.dpi": 300,
+    "text.hinting": "no_hinting",  # else letters are wider in a figure of few pixels
     "svg.hashsalt": "oppload",
     "svg.fonttype": "path",
     "pdf.fonttype": 42,

@@ -11,6 +11,7 @@ import matplotlib.colors
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.image import imread as read_image
 from matplotlib.text import Text
 
 from oppload_cli.errors import ParameterError, ResultError
@@ -751,3 +752,15 @@ def test_times_far_from_zero_do_not_overlap(tmp_path: Path, contact: float, coun
     assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
     assert axis.get_offset_text().get_text() == ""
     assert float(labels[0].get_text().replace("\N{MINUS SIGN}", "-")) < 3 - contact
+
+
+def test_a_legend_is_as_wide_in_a_figure_of_few_pixels(tmp_path: Path) -> None:
+    name = "a name of a clip that fills the line of it"
+    figure, _ = plot_curves(result_in(tmp_path), models=["opplod"], title=name)
+    plot = tmp_path / "figure.png"
+    widths = []
+    for dpi in (80, 800):
+        figure.savefig(plot, dpi=dpi)
+        title = read_image(plot)[: round(0.15 * dpi), :, 0]  # the first 0.15 inches
+        widths.append(np.ptp(np.flatnonzero((title < 0.7).any(axis=0))) / dpi)
+    assert widths[0] == pytest.approx(widths[1], abs=0.03)
