@@ -292,7 +292,11 @@ def _without_growth(protocol: Protocol, obj: Object) -> Iterator[str]:
         return
     display = protocol.display
     diagonal = display.angle_of(math.hypot(display.width, display.height))
-    times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
+    # Before and after the motion the size stays the same.
+    start, end = (float(display.frame_rate) * each for each in protocol.motion_of(obj))
+    first = min(max(0, math.floor(start) - 1), protocol.frame_count - 1)
+    last = max(first, min(math.ceil(end) + 1, protocol.frame_count - 1))
+    times = [protocol.time_of(frame) for frame in range(first, last + 1)]
     sizes = [min(pose_of(protocol, obj, time).extent.size, diagonal) for time in times]
     grown = max(sizes) - min(sizes)
     jump = max((abs(b - a) for a, b in itertools.pairwise(sizes)), default=0.0)
