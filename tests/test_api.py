@@ -141,7 +141,10 @@ def test_a_video_keeps_its_own_rate(tmp_path: Path) -> None:
 
 def test_a_video_in_slow_motion_has_the_times_of_its_true_rate(tmp_path: Path) -> None:
     slow = as_path(tmp_path)
-    with oppload.open_video(slow, true_rate=Fraction(240)) as video:
+    for wrong in (0, float("nan"), "240"):
+        with pytest.raises(ParameterError, match="true_rate must be a number above 0 and at most"):
+            oppload.open_video(slow, true_rate=wrong)  # type: ignore[arg-type]
+    with oppload.open_video(slow, true_rate=240.0) as video:
         result = oppload.run(video, **NATIVE)
     expected = oppload.run(slow, **NATIVE).frames["time_s"] / 8
     assert result.frames["time_s"].to_numpy() == pytest.approx(expected, abs=1e-8)

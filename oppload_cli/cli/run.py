@@ -105,17 +105,17 @@ def run(
     if not inputs and not own.files_from:
         raise click.UsageError("Missing argument 'INPUT...'; or give --files-from LIST")
     span = _span(start, end, duration)
-    rates = _rate("--image-rate", image_rate), _rate("--true-rate", true_rate)
+    of_images, of_camera = _rate("--image-rate", image_rate), _rate("--true-rate", true_rate)
     opening = None
     with ExitStack() as stack:
         if len(inputs) == 1 and not (own.annotate or own.for_many or own.dry_run):
-            opening = _begun(inputs[0], span, rates[1], others)
+            opening = _begun(inputs[0], span, of_camera, others)
             if opening is not None:
                 stack.callback(opening.close)
         # Imported now, so that another process decodes the video while the detectors are loaded.
         from oppload_cli.cli.running import run_inputs
 
-        return run_inputs(inputs, own, others, span, rates, opening)
+        return run_inputs(inputs, own, others, span, (of_images, of_camera), opening)
 
 
 def _begun(

@@ -21,7 +21,7 @@ from oppload_cli.models.timebase import TimeParams, time_params
 from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.pipeline.one_pass import DetectorPass, PassParams, Preparation
 from oppload_cli.pipeline.repeats import RepeatParams, Repeats
-from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
+from oppload_cli.pipeline.sources import ArrayLuminance, open_source
 from oppload_cli.processes.threads import Prefetch
 from oppload_cli.schema import Parameters
 from oppload_cli.video.frames import (
@@ -34,6 +34,7 @@ from oppload_cli.video.frames import (
     sizes_in_words,
     too_large,
 )
+from oppload_cli.video.inputs import checked_rate
 from oppload_cli.video.optics import Optics, parse_fov
 
 if TYPE_CHECKING:

@@ -355,9 +355,8 @@ class _Run:
                 f"{facts.rate_in_file}: all times are those of the file divided by "
                 f"{float(facts.frame_rate / facts.rate_in_file):.4g}"
             )
-        elif not images:
-            return
-        if (rate := rate_beside(self._task.name)) not in {None, facts.frame_rate}:
+        stated = images or facts.rate_in_file is not None
+        if stated and (rate := rate_beside(self._task.name)) not in {None, facts.frame_rate}:
             yield (
                 f"the rate given is {facts.frame_rate} frames/s, but that of the ground truth "
                 f"{rate}; the given one is used, so that the times of the ground truth do not fit"

@@ -5,8 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from contextlib import contextmanager
 from dataclasses import replace
-from fractions import Fraction
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,12 +24,13 @@ from oppload_cli.video.frames import (
     WorkingSize,
     sizes_in_words,
 )
-from oppload_cli.video.inputs import HIGHEST_RATE
+from oppload_cli.video.inputs import HIGHEST_RATE, checked_rate
 from oppload_cli.video.luminance import Luminance
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from fractions import Fraction
 
     from numpy.typing import NDArray
 
@@ -186,22 +185,6 @@ class _Counted:
         for frame in self._source:
             self.decode.decoded += 1
             yield replace(frame, time_s=self.times.step(frame.time_s))
-
-
-def checked_rate(rate: float | Fraction | None) -> Fraction | None:
-    """Return frames per second as a fraction; None if they are not known.
-
-    Raises ParameterError unless the rate is a number above 0 and at most 100000.
-    """
-    if rate is None:
-        return None
-    given: object = rate  # a caller may give a text, in spite of the type
-    if not isinstance(given, Real) or not 0 < rate <= HIGHEST_RATE:
-        raise ParameterError(
-            f"rate must be a number above 0 and at most {HIGHEST_RATE} frames/s, not {rate!r}"
-        )
-    exact = rate if isinstance(rate, Fraction) else Fraction(float(rate))
-    return exact.limit_denominator(1 << 16) or exact  # a rate below 1 / 2^17 would become 0
 
 
 def _checked_times(times: Times, count: int) -> list[float]:

@@ -321,6 +321,23 @@ def without_truths(names: Sequence[str]) -> list[str]:
     return [name for name in names if os.path.normpath(name) not in truths]
 
 
+def checked_rate(rate: float | Fraction | None, name: str = "rate") -> Fraction | None:
+    """Return frames per second as a fraction; None if they are not known.
+
+    Raises ParameterError, with the `name` of the rate, unless it is a number above 0 and at most
+    100000.
+    """
+    if rate is None:
+        return None
+    given: object = rate  # a caller may give a text, in spite of the type
+    if not isinstance(given, Real) or not 0 < rate <= HIGHEST_RATE:
+        raise ParameterError(
+            f"{name} must be a number above 0 and at most {HIGHEST_RATE} frames/s, not {rate!r}"
+        )
+    exact = rate if isinstance(rate, Fraction) else Fraction(float(rate))
+    return exact.limit_denominator(1 << 16) or exact  # a rate below 1 / 2^17 would become 0
+
+
 def rate_beside(name: str) -> Fraction | None:
     """Return the frames per second that the ground truth of images states; None if none does."""
     try:

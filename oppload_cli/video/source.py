@@ -20,7 +20,7 @@ from oppload_cli.video.frames import (
     no_true_rate,
     sizes_in_words,
 )
-from oppload_cli.video.inputs import NUMBER, Span, is_camera, is_image_file
+from oppload_cli.video.inputs import NUMBER, Span, checked_rate, is_camera, is_image_file
 from oppload_cli.video.luminance import Luminance
 
 if TYPE_CHECKING:
@@ -149,8 +149,8 @@ def open_video(
     *,
     height: int | None = _DEFAULT_HEIGHT,
     span: Span | None = None,
-    image_rate: Fraction | None = None,
-    true_rate: Fraction | None = None,
+    image_rate: float | Fraction | None = None,
+    true_rate: float | Fraction | None = None,
     threads: int = 0,
     colour: bool = False,
 ) -> Video:
@@ -166,10 +166,10 @@ def open_video(
         size.
     span : Span, optional
         The part of the input to read.
-    image_rate : Fraction, optional
+    image_rate : float or Fraction, optional
         Frames per second of images, which have no times; if left out, that of the ground truth
         beside their folder, or 30.
-    true_rate : Fraction, optional
+    true_rate : float or Fraction, optional
         Frames per second at which the camera took the frames, if a video plays in slow motion, or
         is a raw stream without a rate. All times are then scaled, so that the declared rate becomes
         this rate. Images take this rate too, unless `image_rate` is given.
@@ -184,7 +184,8 @@ def open_video(
         If nothing can be read from the input, or if it has no rate that `true_rate` could replace,
         as a camera.
     ParameterError
-        If the height is not an integer of at least 1, or the working size is too large.
+        If the height is not an integer of at least 1, the working size is too large, or a rate is
+        not a number above 0 and at most 100000.
 
     Examples
     --------
@@ -198,8 +199,9 @@ def open_video(
         raise ParameterError(
             f"span must be a Span, e.g. Span(start=Position(seconds=1.5)), not {span!r:.60}"
         )
+    rates = checked_rate(image_rate, "image_rate"), checked_rate(true_rate, "true_rate")
     # A thread opens the input, because Ctrl-C has no effect while a library call blocks.
-    source = Call(lambda: source_of(str(name), image_rate, true_rate, threads)).result()
+    source = Call(lambda: source_of(str(name), *rates, threads)).result()
     return Video(source, height, span or Span(), colour=colour)
 
 

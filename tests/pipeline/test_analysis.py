@@ -33,10 +33,10 @@ from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.timebase import TimeParams
 from oppload_cli.pipeline.analysis import pass_params
 from oppload_cli.pipeline.one_pass import DetectorPass, _in_source
-from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
+from oppload_cli.pipeline.sources import ArrayLuminance, open_source
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import WorkingSize
-from oppload_cli.video.inputs import Span, parse_position
+from oppload_cli.video.inputs import Span, checked_rate, parse_position
 from tests.detection.showing import approaching
 from tests.media import disk, looming, texture, write_video
 from tests.presets import DEFAULT, REFERENCE
