@@ -369,17 +369,10 @@ class _Run:
         # Frames before --start, and those that wait when the user stops the run, do not count.
         dropped, wanted = self._decode.dropped, self._decode.dropped + self.frames
         if dropped > max(_FEW_DROPPED * wanted, _BURST):
-            # A gap costs pictures in between, and so leads to the next gap.
-            groups = self._task.settings.groups
-            between = "".join(
-                f"no pictures in between (--set {name}.interpolated=none), "
-                for name in self._task.settings.models
-                if getattr(groups[name], "interpolated", "none") != "none"
-            )
             remarks.append(
                 f"{dropped} of {wanted} frames were dropped, because they came faster than they "
-                f"were analysed; choose {between}fewer models, a smaller height, no RMO "
-                "(--no-rmo), or a camera with fewer frames per second"
+                f"were analysed; choose fewer models, a smaller height, no RMO (--no-rmo), or "
+                "a camera with fewer frames per second"
             )
         if facts.video_streams > 1:
             remarks.append(

@@ -133,6 +133,7 @@ class DetectorPass:
         self._interpolation = Interpolation(kinds - {"none"})
         self._latest: FrameRecord | None = None  # the row that a repeat in a cadence repeats
         self._before_s = self._taken_s = 0.0  # when this frame was presented, and taken
+        self._index, self._too_slow = -1, False  # of the frame before; whether frames were dropped
         self._passed_over_s: list[float] = []  # times of the frames after this one
         self._places = {
             name: Detections(working, places, 1 / time.per_second if time.per_second else 0)
@@ -151,6 +152,9 @@ class DetectorPass:
         time_s, repeat = prepared.frame.time_s, prepared.repeat
         if not self.count:
             self._first_s = time_s
+        elif prepared.frame.index > self._index + 1:
+            self._too_slow = True
+        self._index = prepared.frame.index
         self.count += 1
         if repeat.held and self._latest is not None:
             return _held(self._latest, prepared)
@@ -194,6 +198,8 @@ class DetectorPass:
         stood_still = bool(self._passed_over_s)
         self._passed_over_s.clear()
         elapsed = (taken_s - self._taken_s) * (self._per_second or 0)
+        if self._too_slow:  # pictures in between take time, so that one gap would lead to the next
+            elapsed, self._too_slow = 0.0, False
         pictures = list(self._interpolation.step(luma, elapsed))
         if pictures:
             bank.separate()

@@ -61,7 +61,8 @@ class Prefetch(Generic[Item]):
 
     `ahead` is the number of items that may wait for the caller, at least 1. If so many wait, the
     thread makes no further item. But with `on_drop` it goes on, drops the oldest waiting item, and
-    calls this function.
+    calls this function. If the caller stays too slow, fewer items may wait, at last one, so that it
+    gets recent ones; `ahead` items may wait again as soon as none waits.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class Prefetch(Generic[Item]):
         on_drop: Callable[[], object] | None = None,
     ) -> None:
         self._items, self._ahead, self._on_drop = items, ahead, on_drop
+        self._may_wait, self._dropped = ahead, False  # whether an item was dropped since the latest
         self._made: queue.SimpleQueue[Item | _End] = queue.SimpleQueue()
         self._free_places: queue.SimpleQueue[None] = queue.SimpleQueue()
         for _ in range(ahead):
@@ -93,6 +95,12 @@ class Prefetch(Generic[Item]):
         stop_if_asked()
         if self._lacks_thread:
             return next(self._items)
+        # One burst of items counts once: it does not show that the caller is too slow.
+        if self._made.empty():
+            self._may_wait = self._ahead
+        elif self._dropped:
+            self._may_wait = max(1, self._may_wait - 1)
+        self._dropped = False
         while True:
             try:
                 item = self._made.get(timeout=POLL_S)
@@ -139,9 +147,10 @@ class Prefetch(Generic[Item]):
                     end = self._end or end
                     break
                 self._made.put(next(self._items))
-                if self._on_drop and self._made.qsize() > self._ahead:
+                while self._on_drop and self._made.qsize() > self._may_wait:
                     with suppress(queue.Empty):  # the caller may have taken the items meanwhile
                         self._made.get_nowait()
+                        self._dropped = True
                         self._on_drop()
         except BaseException as error:
             end = error

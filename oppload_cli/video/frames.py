@@ -46,7 +46,8 @@ class Frame:
     Attributes
     ----------
     index : int
-        Number of the frame in the complete input, from 0, in the order of decoding.
+        Number of the frame in the complete input, from 0, in the order of decoding. Numbers that
+        are left out are those of frames dropped because the machine was too slow.
     time_s : float
         Presentation time minus that of frame 0, in seconds.
     luma : ndarray of float32, shape (height, width)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import cv2
@@ -10,10 +11,13 @@ import pytest
 
 from oppload_cli import Analysis, DlgmdParams, analyse
 from oppload_cli.motion.flow import Interpolation
+from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
 from tests.media import disk, texture
 from tests.presets import DEFAULT, REFERENCE
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from oppload_cli import OpplodParams
     from tests.media import Luma
 
@@ -101,6 +105,35 @@ def test_with_pictures_in_between_the_peak_at_15_frames_per_s_is_as_at_30(
     assert peaks[shown, 1] == peaks["none", 1] > 0
     assert peaks[shown, 2] / peaks[shown, 1] == pytest.approx(1, abs=0.3)
     assert peaks["none", 2] / peaks["none", 1] < 0.8
+
+
+@pytest.mark.once
+def test_there_are_no_pictures_in_between_where_the_machine_was_too_slow_for_a_frame() -> None:
+    """They would take time in which the next frame is dropped; the index shows the gap."""
+    shown = growing_disk()
+    facts = InputFacts("disk", "array", 120, 120, Fraction(30), None)
+
+    class Camera:
+        def __init__(self, indices: range) -> None:
+            self.facts, self.working, self.indices = facts, WorkingSize.of(facts, 120), indices
+
+        def __iter__(self) -> Iterator[Frame]:
+            for index, luma in zip(self.indices, shown[::2], strict=True):
+                yield Frame(index, self.indices.index(index) / 15, luma.astype(np.float32))
+
+    count = len(shown[::2])
+    every, second = range(count), range(0, 2 * count, 2)
+    found = {
+        (indices, between): [
+            record.responses["opplod"]
+            for record in analyse(
+                Camera(indices), [REFERENCE.replaced(interpolated=between)], rmo=False
+            )
+        ]
+        for indices, between in ((every, "earlier"), (second, "earlier"), (every, "none"))
+    }
+    assert found[second, "earlier"] == found[every, "none"]
+    assert found[every, "earlier"] != found[every, "none"]
 
 
 @pytest.mark.once

@@ -144,25 +144,6 @@ def test_dropped_frames_give_a_remark_if_they_are_many_and_a_share(
     assert [each.startswith(said) for each in found] == [True] * told
 
 
-@pytest.mark.parametrize("between", ["both", "none"])
-def test_the_remark_on_dropped_frames_names_the_pictures_that_gaps_cost(between: str) -> None:
-    settings = resolve(
-        models=["opplod", "dlgmd"],
-        measure_rmo=False,
-        height="24",
-        assignments=[f"opplod.interpolated={between}"],
-    )
-    with open_source(np.zeros((40, 24, 24), np.uint8), rate=30, height=24) as source:
-
-        def drop(_record: FrameRecord) -> None:
-            source.decode.dropped = 40
-
-        _, sidecar = collected(source, settings, drop, None)
-    (remark,) = (each for each in sidecar["remarks"] if "dropped" in each)
-    assert ("--set opplod.interpolated=none" in remark) is (between == "both")
-    assert "dlgmd.interpolated" not in remark
-
-
 @pytest.mark.parametrize("span", [Span(Position(frame=5)), Span(end=Position(frame=0))])
 def test_a_part_without_a_frame_says_how_long_the_input_is(tmp_path: Path, span: Span) -> None:
     video = write_video(tmp_path / "a.avi", grey_frames(5), rate=25)

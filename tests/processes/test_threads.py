@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 from itertools import count
+from queue import SimpleQueue
+from time import sleep
 from typing import TYPE_CHECKING
 
 import pytest
@@ -108,6 +110,44 @@ def test_the_oldest_items_are_dropped_if_too_many_wait() -> None:
     assert list(items) == [7, 8, 9]
     assert len(dropped) == 7
     assert items._free_places.qsize() <= 3  # it does not grow with the number of items
+
+
+def test_a_caller_that_stays_too_slow_gets_recent_items() -> None:
+    made: SimpleQueue[int] = SimpleQueue()
+    latest = taken = dropped = 0
+
+    def counted() -> None:
+        nonlocal dropped
+        dropped += 1
+
+    items = Prefetch(iter(made.get, None), ahead=3, on_drop=counted)
+    waiting = items._made.qsize
+
+    def make(number: int) -> None:
+        nonlocal latest
+        for _ in range(number):
+            latest += 1
+            made.put(latest)
+        while taken + dropped + waiting() < latest or waiting() > items._may_wait:
+            sleep(0.001)
+
+    late: list[int] = []
+    for _ in range(6):
+        make(3 if late else 9)  # a burst, then three items in the time that one takes
+        late.append(latest - next(items))
+        taken += 1
+    assert late == [2, 1, 0, 0, 0, 0]
+    make(1)
+    assert next(items) == latest
+    taken += 1
+    threading.Timer(0.05, made.put, [latest + 1]).start()  # this time the caller has to wait
+    latest += 1
+    assert next(items) == latest
+    taken += 1
+    make(3)
+    assert [next(items) for _ in range(3)] == [latest - 2, latest - 1, latest]
+    made.put(None)  # type: ignore[arg-type]
+    assert list(items) == []
 
 
 def test_without_a_further_thread_the_caller_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
