@@ -127,7 +127,7 @@ class Analysis:
         self._description = f"{sizes_in_words(facts, working)}, preset {chosen.preset}, {names}"
         self._luminance = ArrayLuminance(working)
         self._preparation = Preparation(chosen, facts.frame_rate)
-        self._detectors = DetectorPass(working, facts.frame_rate, chosen, optics)
+        self._detectors = DetectorPass(working, facts, chosen, optics)
         self._first_s = 0.0
         self._lock = threading.Lock()
 
@@ -346,7 +346,7 @@ def side_by_side(
     """
     facts, working = video.facts, video.working
     preparations = [Preparation(each, facts.frame_rate) for each in passes]
-    detectors = [DetectorPass(working, facts.frame_rate, each, optics) for each in passes]
+    detectors = [DetectorPass(working, facts, each, optics) for each in passes]
     # A second thread prepares frames, because optical flow takes as long as the detectors.
     frames = ([each.step(frame) for each in preparations] for frame in video)
     prepared = Prefetch(frames, frames_ahead(facts, working))

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from oppload_cli.motion.rmo import RmoParams
     from oppload_cli.pipeline.repeats import Repeats
     from oppload_cli.schema import Parameters
-    from oppload_cli.video.frames import Frame, WorkingSize
+    from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
     from oppload_cli.video.optics import Optics
 
 # A cadence that the first 0.6 s prove, or those after a still start, counts from their first frame
@@ -114,15 +114,16 @@ class DetectorPass:
     """The detectors over one video, with their alarms and the places of looming objects."""
 
     def __init__(
-        self, working: WorkingSize, rate: Fraction | None, chosen: PassParams, optics: Optics | None
+        self, working: WorkingSize, facts: InputFacts, chosen: PassParams, optics: Optics | None
     ) -> None:
-        self._working, self._rate, self._chosen, self._optics = working, rate, chosen, optics
+        self._working, self._facts, self._chosen, self._optics = working, facts, chosen, optics
         self._begin()
 
     def _begin(self) -> None:
         working, chosen = self._working, self._chosen
         places, time = chosen.places, chosen.time
-        stated = float(self._rate) if self._rate else None
+        rate = self._facts.frame_rate
+        stated = float(rate) if rate else None
         self.count = 0  # number of frames so far
         self._bank = DetectorBank(working.shape, chosen.params, stated, time)
         self._per_second = time.per_second
@@ -133,7 +134,8 @@ class DetectorPass:
         self._interpolation = Interpolation(kinds - {"none"})
         self._latest: FrameRecord | None = None  # the row that a repeat in a cadence repeats
         self._before_s = self._taken_s = 0.0  # when this frame was presented, and taken
-        self._index, self._too_slow = -1, False  # of the frame before; whether frames were dropped
+        self._index = -1  # number of the frame before
+        self._too_slow = False  # whether frames between it and this one were dropped
         self._passed_over_s: list[float] = []  # times of the frames after this one
         self._places = {
             name: Detections(working, places, 1 / time.per_second if time.per_second else 0)
@@ -152,7 +154,7 @@ class DetectorPass:
         time_s, repeat = prepared.frame.time_s, prepared.repeat
         if not self.count:
             self._first_s = time_s
-        elif prepared.frame.index > self._index + 1:
+        elif self._facts.real_time and prepared.frame.index > self._index + 1:
             self._too_slow = True
         self._index = prepared.frame.index
         self.count += 1

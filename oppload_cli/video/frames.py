@@ -46,8 +46,7 @@ class Frame:
     Attributes
     ----------
     index : int
-        Number of the frame in the complete input, from 0, in the order of decoding. Numbers that
-        are left out are those of frames dropped because the machine was too slow.
+        Number of the frame in the complete input, from 0, in the order of decoding.
     time_s : float
         Presentation time minus that of frame 0, in seconds.
     luma : ndarray of float32, shape (height, width)
@@ -130,7 +129,8 @@ class InputFacts:
     # The rate in the file, if the user states another one, at which the pictures were taken.
     rate_in_file: Fraction | None = None
     video_streams: int = 1  # videos in a container, without cover pictures; the first one is read
-    # Whether pictures come at their own pace, so that a slow reader has to drop some of them.
+    # Whether pictures come at their own pace, so that a slow reader has to drop some of them; the
+    # numbers of the frames show these gaps.
     real_time: bool = False
 
     @property

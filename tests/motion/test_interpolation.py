@@ -111,11 +111,12 @@ def test_with_pictures_in_between_the_peak_at_15_frames_per_s_is_as_at_30(
 def test_there_are_no_pictures_in_between_where_the_machine_was_too_slow_for_a_frame() -> None:
     """They would take time in which the next frame is dropped; the index shows the gap."""
     shown = growing_disk()
-    facts = InputFacts("disk", "array", 120, 120, Fraction(30), None)
 
     class Camera:
-        def __init__(self, indices: range) -> None:
-            self.facts, self.working, self.indices = facts, WorkingSize.of(facts, 120), indices
+        def __init__(self, indices: range, real_time: bool) -> None:
+            size, rate = (120, 120), Fraction(30)
+            self.facts = InputFacts("disk", "camera", *size, rate, None, real_time=real_time)
+            self.working, self.indices = WorkingSize.of(self.facts, 120), indices
 
         def __iter__(self) -> Iterator[Frame]:
             for index, luma in zip(self.indices, shown[::2], strict=True):
@@ -124,16 +125,19 @@ def test_there_are_no_pictures_in_between_where_the_machine_was_too_slow_for_a_f
     count = len(shown[::2])
     every, second = range(count), range(0, 2 * count, 2)
     found = {
-        (indices, between): [
+        (indices, real_time, between): [
             record.responses["opplod"]
             for record in analyse(
-                Camera(indices), [REFERENCE.replaced(interpolated=between)], rmo=False
+                Camera(indices, real_time), [REFERENCE.replaced(interpolated=between)], rmo=False
             )
         ]
-        for indices, between in ((every, "earlier"), (second, "earlier"), (every, "none"))
+        for indices in (every, second)
+        for real_time in (False, True)
+        for between in ("earlier", "none")
     }
-    assert found[second, "earlier"] == found[every, "none"]
-    assert found[every, "earlier"] != found[every, "none"]
+    without = found[every, False, "none"]
+    assert found[second, True, "earlier"] == without
+    assert found[every, True, "earlier"] == found[second, False, "earlier"] != without
 
 
 @pytest.mark.once

@@ -35,7 +35,7 @@ from oppload_cli.pipeline.analysis import pass_params
 from oppload_cli.pipeline.one_pass import DetectorPass, _in_source
 from oppload_cli.pipeline.sources import ArrayLuminance, open_source
 from oppload_cli.results.alarms import AlarmLog
-from oppload_cli.video.frames import WorkingSize
+from oppload_cli.video.frames import InputFacts, WorkingSize
 from oppload_cli.video.inputs import Span, checked_rate, parse_position
 from tests.detection.showing import approaching
 from tests.media import disk, looming, texture, write_video
@@ -311,7 +311,8 @@ def test_growth_is_measured_over_the_interval_of_the_time_base(
     interval: str, seconds: float
 ) -> None:
     chosen = pass_params(time=TimeParams(interval=interval))
-    detectors = DetectorPass(WorkingSize(32, 24, 1.0, 1.0), Fraction(30), chosen, None)
+    facts = InputFacts("frames", "array", 32, 24, Fraction(30), None)
+    detectors = DetectorPass(WorkingSize.of(facts, None), facts, chosen, None)
     assert detectors._places["opplod"]._places._interval_s == pytest.approx(seconds)
 
 
