@@ -18,7 +18,7 @@ from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
     from oppload_cli import stimulus
-    from oppload_cli.api import Result, read_result, run
+    from oppload_cli.api import Result, read_result, run, tune
     from oppload_cli.detection.alarm import Alarm, AlarmParams, alarm_params
     from oppload_cli.detection.growth import PlaceParams
     from oppload_cli.detection.places import Detection
@@ -57,10 +57,11 @@ __all__ = [
     "UnitMaps", "Video", "__version__", "alarm_params", "analyse", "detectors", "forget",
     "open_source", "open_video", "parameter", "parameters_of", "plot_curves", "plot_places",
     "plot_rmo", "plot_tuning", "read_result", "read_tuning", "register", "run", "stimulus",
+    "tune",
 ]  # fmt: skip
 
 _MODULES = {
-    "api": ("Result", "read_result", "run"),
+    "api": ("Result", "read_result", "run", "tune"),
     "detection.alarm": ("Alarm", "AlarmParams", "alarm_params"),
     "detection.growth": ("PlaceParams",),
     "detection.places": ("Detection",),

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os.path
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, cast
@@ -16,6 +17,7 @@ from oppload_cli.errors import OutputError, ParameterError, counted
 from oppload_cli.files.atomic import part_of, write_atomic
 from oppload_cli.files.reading import is_file
 from oppload_cli.files.tables import Table
+from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.pipeline.execute import collected
 from oppload_cli.pipeline.settings import check_assignments, resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
@@ -26,6 +28,8 @@ from oppload_cli.results.table import TABLE, detection_line, detection_values, w
 from oppload_cli.results.truths import facts_of_truth, usable_truth
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
+from oppload_cli.tuning import run as tuning
+from oppload_cli.tuning.sweeps import sweeps
 from oppload_cli.video.inputs import GROUND_TRUTH, result_stem
 from oppload_cli.video.source import Video
 
@@ -37,6 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from oppload_cli.pipeline.sources import Source, Times
+    from oppload_cli.results.reading import Tuning
     from oppload_cli.results.table import FrameRecord
 
 
@@ -295,6 +300,135 @@ def run(
     >>> float(result.frames["dlgmd_response"].max())
     0.0
     """
+    if not isinstance(rmo, bool):
+        raise ParameterError(
+            f"rmo must be True or False, not {rmo!r:.60}; its parameters go into settings, "
+            "e.g. {'rmo.grid': 20}"
+        )
+    wanted = _wanted(preset, models, height, settings)
+    chosen = resolve(**wanted, fov=None if fov is None else str(fov), measure_rmo=rmo)
+    check_assignments(wanted["assignments"], chosen.models, measure_rmo=rmo)
+    records: list[FrameRecord] = []
+    pixels = chosen.height or "native"
+    with open_source(source, rate=rate, times=times, height=pixels, preset=chosen.preset) as frames:
+        truth = ground_truth(frames.protocol) if isinstance(frames, StimulusVideo) else None
+        columns, sidecar = collected(frames, chosen, records.append, truth)
+        # Only the name of a video is a path; those of stimuli and arrays are not.
+        is_video = isinstance(frames, Video)
+    detections = [detection_values(record, one) for record in records for one in record.detections]
+    name = sidecar["input"]["name"]
+    stem = result_stem(name) if is_video else file_stem(name)
+    table = _table([record.values() for record in records], columns)
+    return Result(Path(f"{stem}{TABLE}"), table, sidecar, _detections(detections))
+
+
+def tune(
+    stimulus: str | Path | None = None,
+    over: Mapping[str, Iterable[Any] | None] | None = None,
+    *,
+    figure: str | None = None,
+    changes: Mapping[str, Any] | None = None,
+    preset: str | None = None,
+    models: Sequence[str] = (),
+    height: int | str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    indicator_s: float = 0.0,
+    jobs: int = 1,
+) -> Tuning:
+    """Measure the tuning of detectors to one stimulus, as ``oppload tune``.
+
+    Parameters
+    ----------
+    stimulus : str or Path, optional
+        A name of the catalogue, or a TOML file; left out with `figure`.
+    over : mapping, optional
+        The values of each swept parameter, such as ``{"axis": range(0, 180, 15)}``; None in place
+        of the values for those of the stimulus's own sweep. If left out, the stimulus keeps its own
+        sweep. A parameter is a word such as ``axis`` or ``l/v``, or a key such as ``bar.axis_deg``.
+    figure : str, optional
+        The name of a classic figure, such as ``peak-time``, in place of a stimulus.
+    changes : mapping, optional
+        Changed values of the stimulus, such as ``{"display.frame_rate": 60}``.
+    preset : str, optional
+        If left out, that of a model such as ``opplod:paper``, or else ``reference``.
+    models, height, settings
+        As for :func:`run`.
+    indicator_s : float
+        Time constant in s, 0 to 60, of a calcium indicator that shows the responses; 0 for none.
+    jobs : int
+        Number of processes, at least 1; the result does not depend on it.
+
+    Returns
+    -------
+    Tuning
+        The table, with the same values as the files of ``oppload tune``; :func:`plot_tuning` draws
+        it.
+
+    Raises
+    ------
+    StimulusError
+        If there is no such stimulus, if it is not valid with one of the values, or if nothing is
+        swept.
+    ParameterError
+        If a name or a value is wrong.
+    ResultError
+        If a detector has no peak, because every stimulus ends during its warm-up.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> over = {"l/v": [40, 80]}
+    >>> tuning = oppload.tune("klapoetke2017/loom-l-over-v", over, models=["opplod"])
+    >>> tuning.rows[["disk.growth.l_over_v_ms", "peak_before_contact_s"]].round(2).values.tolist()
+    [[40.0, 0.13], [80.0, 0.23]]
+    """
+    from oppload_cli.plots.tuning import summary_of  # noqa: PLC0415 - loads matplotlib
+
+    if (stimulus is None) == (figure is None):
+        raise ParameterError("give a stimulus or a figure, one of the two")
+    if figure == "all":
+        raise ParameterError("figure must be one figure, such as 'peak-time', not 'all'")
+    for name, value in (("over", over), ("changes", changes)):
+        if not isinstance(value, Mapping | None):
+            raise ParameterError(f"{name} must be a dict by parameter, not {value!r:.60}")
+    indicator: object = indicator_s  # maybe of a wrong type
+    if not isinstance(indicator, int | float) or not 0 <= indicator <= 60:
+        raise ParameterError(f"indicator_s must be 0 to 60 seconds, not {indicator!r:.60}")
+    swept = [
+        name if values is None else f"{name}={_text(_listed(name, values))}"
+        for name, values in (over or {}).items()
+    ]
+    wanted = _wanted(preset, models, height, settings) | {"usual": STUDY_PRESET}
+    of_figure = [] if figure is None else [figure]
+    (sweep,) = sweeps(
+        None if stimulus is None else str(stimulus), of_figure, dict(changes or {}), swept, wanted
+    )
+    conditions = tuning.tune(sweep, indicator_s=indicator_s, jobs=jobs)
+    doubts = list(tuning.doubts_about(conditions, sweep, indicator_s))
+    sidecar = tuning.tuning_sidecar(sweep, command=(), indicator_s=indicator_s, doubts=doubts)
+    # The numbers are rounded as in a file, and empty cells are NaN.
+    text = StringIO(tuning.tuning_text(conditions))
+    rows = pd.read_csv(text, keep_default_na=False, na_values=[""])
+    path = Path(f"{file_stem(sweep.entry.name)}.tuning.csv")
+    measured = reading.tuning_of(path, rows, sidecar)
+    sidecar["summary"] = summary_of(measured)
+    return measured
+
+
+def _listed(name: str, values: Iterable[Any]) -> list[Any]:
+    """Return the values of a swept parameter as a list; raise ParameterError for no values."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise ParameterError(f"over: the values of '{name}' must be a list, not {values!r:.60}")
+    return list(values)
+
+
+def _wanted(
+    preset: str | None,
+    models: Sequence[str],
+    height: int | str | None,
+    settings: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """Return the arguments of `resolve` that follow from those of `run` and `tune`."""
     names: object = [models] if isinstance(models, str) else models  # maybe of a wrong type
     if not isinstance(names, Collection) or not all(isinstance(name, str) for name in names):
         raise ParameterError(f"models must be a list of names of detectors, not {models!r}")
@@ -308,33 +442,12 @@ def run(
                 f"settings must name parameters with their set, e.g. {{'rmo.grid': 20}}, not "
                 f"{ {setting: value}!r:.60}"
             )
-    if not isinstance(rmo, bool):
-        raise ParameterError(
-            f"rmo must be True or False, not {rmo!r:.60}; its parameters go into settings, "
-            "e.g. {'rmo.grid': 20}"
-        )
-    assignments = [f"{name}={_text(value)}" for name, value in (settings or {}).items()]
-    chosen = resolve(
-        preset=preset,
-        models=list(names),
-        height=None if height is None else str(height),
-        fov=None if fov is None else str(fov),
-        measure_rmo=rmo,
-        assignments=assignments,
-    )
-    check_assignments(assignments, chosen.models, measure_rmo=rmo)
-    records: list[FrameRecord] = []
-    pixels = chosen.height or "native"
-    with open_source(source, rate=rate, times=times, height=pixels, preset=chosen.preset) as frames:
-        truth = ground_truth(frames.protocol) if isinstance(frames, StimulusVideo) else None
-        columns, sidecar = collected(frames, chosen, records.append, truth)
-        # Only the name of a video is a path; those of stimuli and arrays are not.
-        is_video = isinstance(frames, Video)
-    detections = [detection_values(record, one) for record in records for one in record.detections]
-    name = sidecar["input"]["name"]
-    stem = result_stem(name) if is_video else file_stem(name)
-    table = _table([record.values() for record in records], columns)
-    return Result(Path(f"{stem}{TABLE}"), table, sidecar, _detections(detections))
+    return {
+        "preset": preset,
+        "models": list(names),
+        "height": None if height is None else str(height),
+        "assignments": [f"{name}={_text(value)}" for name, value in (settings or {}).items()],
+    }
 
 
 def _text(value: object) -> str:

@@ -523,3 +523,83 @@ def test_a_pipe_in_the_place_of_detections_is_told(tmp_path: Path) -> None:
         ResultError, match=r"jsonl: cannot be read \(a pipe or a device, not a file"
     ):
         oppload.read_result(path)
+
+
+TUNED: dict[str, Any] = {
+    "l/v": ("klapoetke2017/loom-l-over-v", {"l/v": np.array([20, 80])}, ["--over", "l/v=20,80"]),
+    "words": (
+        "controls/looming-square",
+        {"square.reverse": [True, False], "axis": None},
+        ["--over", "square.reverse=true,false", "--over", "axis"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("stimulus", "over", "options"), TUNED.values(), ids=TUNED)
+def test_a_tuning_has_the_files_of_the_command_line(
+    stimulus: str, over: dict[str, Any], options: list[str], tmp_path: Path
+) -> None:
+    told = inside.oppload(
+        "tune", stimulus, *options, "-o", tmp_path / "cli", "-q", "--plot", "none",
+        "--change", "timing.before_s=0.1", "--set", "opplod.periphery=0.5", "--jobs", "1",
+    )  # fmt: skip
+    assert told.returncode == 0
+    tuning = oppload.tune(
+        stimulus, over, changes={"timing.before_s": 0.1}, settings={"opplod.periphery": 0.5}
+    )
+    table = tuning.save(tmp_path / "api")
+    assert table.read_bytes() == (tmp_path / "cli" / table.name).read_bytes()
+    own, of_command = (
+        json.loads((tmp_path / folder / table.name).with_suffix(".json").read_text())
+        for folder in ("api", "cli")
+    )
+    assert own == of_command | {"command": []}
+    assert own["summary"]["opplod"]["largest_peak"] > 0
+    again = oppload.read_tuning(table)
+    pd.testing.assert_frame_equal(again.rows, tuning.rows)
+    assert (again.parameters, again.name) == (tuning.parameters, tuning.name)
+
+
+def test_a_tuning_is_replaced_only_if_that_is_asked_for(tmp_path: Path) -> None:
+    tuning = oppload.tune(figure="contrast", over={"disk.luminance": [0, 0.4]}, models=["dlgmd"])
+    assert repr(tuning).startswith("Tuning('contrast.tuning.csv', 2 rows over disk.luminance: dlgm")
+    before = tuning.save(tmp_path).read_bytes()
+    with pytest.raises(OutputError, match="exists already; choose if_exists='overwrite', or ano"):
+        tuning.save(tmp_path)
+    with pytest.raises(ParameterError, match="error or overwrite, not 'skip'"):
+        tuning.save(tmp_path, if_exists="skip")
+    assert tuning.save(tmp_path, if_exists="overwrite").read_bytes() == before
+
+
+def test_a_tuning_tells_that_a_curve_means_little() -> None:
+    slow = oppload.tune("klapoetke2017/bar-expand-10", {"axis": [0, 45]}, models=["opplod"])
+    assert "1 doubt: see sidecar['doubts']" in repr(slow)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({}, "give a stimulus or a figure, one of the two"),
+        ({"stimulus": "loom-l-over-v", "figure": "contrast"}, "one of the two"),
+        ({"figure": "all"}, "figure must be one figure"),
+        ({"figure": "peak"}, "no such figure; did you mean 'peak-time'?"),
+        ({"stimulus": "loom-l-over-v", "over": "l/v"}, "over must be a dict by parameter"),
+        ({"stimulus": "loom-l-over-v", "over": {"l/v": 40}}, "'l/v' must be a list, not 40"),
+        ({"stimulus": "loom-l-over-v", "over": {"l/v": []}}, "its values cannot be read"),
+        ({"stimulus": "loom-l-over-v", "changes": ["a"]}, "changes must be a dict by parameter"),
+        ({"stimulus": "loom-l-over-v", "indicator_s": 61}, "0 to 60 seconds, not 61"),
+        ({"stimulus": "loom-l-over-v", "indicator_s": "1"}, "0 to 60 seconds, not '1'"),
+        ({"stimulus": "loom-l-over-v", "models": ["nothing"]}, "no model 'nothing'"),
+        ({"stimulus": "loom-l-over-v", "settings": {"rmo.grid": 9}}, "rmo"),
+        ({"stimulus": "nothing"}, "no stimulus 'nothing' in the catalogue"),
+    ],
+)
+def test_wrong_uses_of_tune(arguments: dict[str, Any], said: str) -> None:
+    with pytest.raises((ParameterError, StimulusError), match=re.escape(said)):
+        oppload.tune(**arguments)
+
+
+def test_a_tuning_without_any_peak_says_what_to_do() -> None:
+    short = {"timing.before_s": 0, "timing.motion_s": 0.05, "timing.after_s": 0}
+    with pytest.raises(ResultError, match="make the stimulus longer than the warm-up of the det"):
+        oppload.tune("klapoetke2017/loom-l-over-v", {"l/v": [40]}, changes=short)

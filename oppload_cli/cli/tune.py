@@ -13,7 +13,7 @@ from oppload_cli import stimulus as stimuli
 from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.cli.stimuli import say_remarks
 from oppload_cli.errors import ParameterError, ResultError
-from oppload_cli.files.atomic import PartFile, claimed, refuse_existing
+from oppload_cli.files.atomic import PartFile, claimed, refuse_existing, write_atomic
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.stimulus.catalogue import parsed_settings
 
@@ -119,7 +119,7 @@ def _run(
     """Measure a sweep; write the table, the sidecar and the plot, and return their paths."""
     from oppload_cli.plots import style, tuning
     from oppload_cli.results.table import write_sidecar
-    from oppload_cli.tuning.run import doubts_about, tune, tuning_sidecar, write_tuning
+    from oppload_cli.tuning.run import doubts_about, tune, tuning_sidecar, tuning_text
 
     say_remarks(sweep.entry.protocols())
     for key, value in sweep.fixed.items():
@@ -129,7 +129,7 @@ def _run(
     doubts = list(doubts_about(conditions, sweep, indicator_s))
     for doubt in doubts:
         say(f"oppload: {doubt.text}")
-    write_tuning(table, conditions)
+    write_atomic(table, tuning_text(conditions))
     command = ["oppload", *sys.argv[1:]]
     sidecar = tuning_sidecar(sweep, command=command, indicator_s=indicator_s, doubts=doubts)
     table_path, sidecar_path, *plot_paths = paths

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os.path
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,8 +12,15 @@ import numpy as np
 import pandas as pd
 
 from oppload_cli.detection.alarm import Alarm, AlarmParams, alarm_params
-from oppload_cli.errors import OpploadError, ResultError, SourceError, counted
-from oppload_cli.files.atomic import PART, part_of
+from oppload_cli.errors import (
+    OpploadError,
+    OutputError,
+    ParameterError,
+    ResultError,
+    SourceError,
+    counted,
+)
+from oppload_cli.files.atomic import PART, part_of, write_atomic
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import default_names, detector_named, known_names
@@ -25,7 +33,14 @@ from oppload_cli.results.cells import (
     need_columns,
     read_table,
 )
-from oppload_cli.results.table import DETECTIONS, SCHEMA, SIDECAR, TABLE, columns_for
+from oppload_cli.results.table import (
+    DETECTIONS,
+    SCHEMA,
+    SIDECAR,
+    TABLE,
+    columns_for,
+    write_sidecar,
+)
 from oppload_cli.video.inputs import NUMBER, is_camera
 
 if TYPE_CHECKING:
@@ -115,18 +130,19 @@ class BaseResult:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuning:
-    """One tuning table.
+    """One tuning table, from :func:`tune` or :func:`read_tuning`.
 
     Attributes
     ----------
     path : Path
-        The CSV file.
+        The CSV file; only a file name if the table was not read from files.
     rows : DataFrame
         A row per condition and detector.
     parameters : tuple of str
         The swept parameters: the columns between ``stimulus`` and ``model``.
     sidecar : dict
-        The content of the sidecar; empty if there is none.
+        The content of the sidecar; empty if there is none. `summary` in it has the numbers of each
+        curve, and `doubts` the reasons why curves mean little.
 
     Examples
     --------
@@ -142,7 +158,10 @@ class Tuning:
 
     def __repr__(self) -> str:
         rows, swept = counted(len(self.rows), "row"), ", ".join(self.parameters)
-        return f"Tuning({self.path.name!r}, {rows} over {swept}: {', '.join(self.models)})"
+        parts = [repr(self.path.name), f"{rows} over {swept}: {', '.join(self.models)}"]
+        if doubts := self.sidecar.get("doubts"):
+            parts.append(f"{counted(len(doubts), 'doubt')}: see sidecar['doubts']")
+        return f"Tuning({', '.join(parts)})"
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -173,6 +192,43 @@ class Tuning:
         """
         chosen = (self.rows["model"] == model) & self.rows["peak"].notna()
         return self.rows[chosen].reset_index(drop=True)
+
+    def save(self, folder: str | Path = ".", *, if_exists: str = "error") -> Path:
+        """Write the table and its sidecar, as ``oppload tune`` does.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Folder of the files, made if it does not exist.
+        if_exists : str
+            ``error`` or ``overwrite``.
+
+        Returns
+        -------
+        Path
+            The table, from which :func:`read_tuning` reads both files.
+
+        Raises
+        ------
+        OutputError
+            If a file exists already, or cannot be written.
+        ParameterError
+            If `if_exists` is another word.
+        """
+        if if_exists not in {"error", "overwrite"}:
+            raise ParameterError(f"if_exists must be error or overwrite, not {if_exists!r}")
+        table = Path(folder) / self.path.name
+        sidecar = table.with_suffix(".json")
+        for path in (table, sidecar):
+            if if_exists == "error" and os.path.lexists(path):
+                raise OutputError(
+                    f"{path}: exists already; choose if_exists='overwrite', or another folder"
+                )
+        text = self.rows.to_csv(index=False, float_format="%.9g", lineterminator="\n")
+        write_atomic(table, text)
+        if self.sidecar:
+            write_sidecar(sidecar, self.sidecar)
+        return table
 
 
 def direction_of(parameters: Iterable[str]) -> str | None:
@@ -325,7 +381,11 @@ def read_tuning(path: str | Path) -> Tuning:
     oppload_cli.errors.ResultError: missing.tuning.csv: cannot be read (no such file...
     """
     path = Path(path)
-    rows = read_table(path, _ANOTHER_TUNING)
+    return tuning_of(path, read_table(path, _ANOTHER_TUNING), _sidecar(path.with_suffix(".json")))
+
+
+def tuning_of(path: Path, rows: pd.DataFrame, sidecar: dict[str, Any]) -> Tuning:
+    """Return a tuning table after a check; the errors are those of :func:`read_tuning`."""
     need_columns(path, rows, ("stimulus", "model", "peak"), _ANOTHER_TUNING)
     names = list(rows.columns)
     parameters = tuple(names[1 : names.index("model")])
@@ -340,7 +400,7 @@ def read_tuning(path: str | Path) -> Tuning:
     if set(rows["model"]) - set(rows["model"][~np.isnan(peaks)]):  # a detector without any peak
         advice = "make the stimulus longer than the warm-up of the detector"
         check_filled(path, "peak", peaks, advice)
-    return Tuning(path, rows, parameters, _sidecar(path.with_suffix(".json")))
+    return Tuning(path, rows, parameters, sidecar)
 
 
 def _sidecar(path: Path) -> dict[str, Any]:

@@ -12,7 +12,6 @@ import numpy as np
 
 from oppload_cli.environment import environment
 from oppload_cli.errors import faults_at
-from oppload_cli.files.atomic import PartFile, write_atomic
 from oppload_cli.files.tables import csv_text
 from oppload_cli.models.registry import (
     alarm_floor_of,
@@ -30,7 +29,6 @@ from oppload_cli.tuning.present import Condition, Measures, measure, present, se
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from oppload_cli.files.tables import Cell
     from oppload_cli.pipeline.settings import Settings
@@ -144,8 +142,8 @@ def _is_symmetric(entry: Entry) -> bool:
     )
 
 
-def write_tuning(table: Path | PartFile, conditions: Sequence[Condition]) -> None:
-    """Write the table of a sweep; raise OutputError if it cannot be written."""
+def tuning_text(conditions: Sequence[Condition]) -> str:
+    """Return the table of a sweep as the text of a CSV file."""
     rows = [
         {
             "stimulus": condition.stimulus,
@@ -156,7 +154,7 @@ def write_tuning(table: Path | PartFile, conditions: Sequence[Condition]) -> Non
         for condition in conditions
         for detector, measures in condition.measures.items()
     ]
-    write_atomic(table, csv_text(rows, rows[0]))
+    return csv_text(rows, rows[0])
 
 
 def tuning_sidecar(

@@ -17,7 +17,7 @@ from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.tuning import KINDS
 from oppload_cli.schema import Parameters, parameter
 from oppload_cli.tuning.present import Responses, low_passed, present
-from oppload_cli.tuning.run import doubts_about, tune, write_tuning
+from oppload_cli.tuning.run import doubts_about, tune, tuning_text
 from oppload_cli.tuning.sweeps import FIGURES, Sweep, sweeps
 from tests.results.make import rows_of
 from tests.tuning.test_tuning import disk, swept
@@ -248,7 +248,7 @@ def test_without_adaptation_every_presentation_is_the_first(tmp_path: Path) -> N
         assert other.peak_before_contact_s == first.peak_before_contact_s
     tired = [each.measures["tired"].peak or 0 for each in shown]
     assert tired == pytest.approx([tired[0], tired[0] / 2, tired[0] / 4], rel=1e-6)
-    write_tuning(tmp_path / "a.csv", shown)
+    (tmp_path / "a.csv").write_text(tuning_text(shown))
     rows = rows_of(tmp_path / "a.csv")
     assert list(rows[0])[:4] == ["stimulus", "disk.growth.speed_deg_s", "presentation", "model"]
     assert rows[3]["stimulus"] == "disk/speed-25/presentation-2"

@@ -16,7 +16,7 @@ from oppload_cli.stimulus import write
 from oppload_cli.stimulus.catalogue import find, read_entry
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import Condition, Measures, Responses, measure, present
-from oppload_cli.tuning.run import doubts_about, faint, tune, tuning_sidecar, write_tuning
+from oppload_cli.tuning.run import doubts_about, faint, tune, tuning_sidecar, tuning_text
 from oppload_cli.tuning.sweeps import Sweep, sweeps
 from tests.results.make import rows_of
 
@@ -155,7 +155,7 @@ def test_processes_change_no_byte(tmp_path: Path) -> None:
     counted: list[int] = []
     for jobs in (1, 2):
         conditions = tune(Sweep(entry, settings), jobs=jobs, progress=lambda: counted.append(1))
-        write_tuning(tmp_path / f"{jobs}.csv", conditions)
+        (tmp_path / f"{jobs}.csv").write_text(tuning_text(conditions))
         assert len(counted) == 3 * jobs
     text = (tmp_path / "1.csv").read_bytes()
     assert text == (tmp_path / "2.csv").read_bytes()
@@ -172,7 +172,7 @@ def test_processes_change_no_byte(tmp_path: Path) -> None:
 def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
     entry = swept(str(disk(tmp_path).path), ["position=[[0, 0], [4, -2]]"])
     settings = resolve(preset="reference", height="native", models=["opplod"])
-    write_tuning(tmp_path / "a.csv", tune(Sweep(entry, settings)))
+    (tmp_path / "a.csv").write_text(tuning_text(tune(Sweep(entry, settings))))
     rows = rows_of(tmp_path / "a.csv")
     places = [(row["disk.centre_deg.right"], row["disk.centre_deg.up"]) for row in rows]
     assert places == [("0", "0"), ("4", "-2")]
@@ -182,7 +182,8 @@ def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
 
 def test_cells_hold_whole_numbers_with_all_digits_and_words_as_they_are(tmp_path: Path) -> None:
     values = {"seed": 4294967295, "disk.size_deg": 2.5, "disk.reverse": True, "bar.kind": "bar"}
-    write_tuning(tmp_path / "a.csv", [Condition("a", values, {"opplod": Measures()})])
+    conditions = [Condition("a", values, {"opplod": Measures()})]
+    (tmp_path / "a.csv").write_text(tuning_text(conditions))
     (row,) = rows_of(tmp_path / "a.csv")
     assert [row[key] for key in values] == ["4294967295", "2.5", "True", "bar"]
 
