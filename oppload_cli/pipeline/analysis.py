@@ -15,8 +15,14 @@ from oppload_cli.detection.alarm import AlarmParams, alarm_params_with
 from oppload_cli.detection.growth import PlaceParams, place_params
 from oppload_cli.errors import FrameError, ParameterError, counted
 from oppload_cli.models.detector import checked_shape
-from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, parse_height, preset_named
-from oppload_cli.models.registry import default_names, detector_of, parameters_of
+from oppload_cli.models.presets import (
+    DEFAULT_PRESET,
+    PRESETS,
+    parse_height,
+    preset_in,
+    preset_named,
+)
+from oppload_cli.models.registry import default_names, detector_of, names_of, parameters_of
 from oppload_cli.models.timebase import TimeParams, time_params
 from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.pipeline.one_pass import DetectorPass, PassParams, Preparation
@@ -65,7 +71,7 @@ class Analysis:
     ----------
     shape : tuple of int
         Height and width of the frames in pixels.
-    params : sequence of Parameters, optional
+    params : sequence of str or Parameters, optional
         As for :func:`analyse`, like `preset`, `height`, `alarm`, `places`, `repeats` and `time`.
     rate : float or Fraction, optional
         Frames per second, if known. Most detectors use the time of each frame; those that count
@@ -97,7 +103,7 @@ class Analysis:
     def __init__(
         self,
         shape: tuple[int, int],
-        params: Sequence[Parameters] | None = None,
+        params: Sequence[Parameters | str] | None = None,
         *,
         preset: str | None = None,
         rate: float | Fraction | None = None,
@@ -250,7 +256,7 @@ def _check_kind(name: str, value: object, kind: type | UnionType, give: str) -> 
 
 def analyse(
     source: Source,
-    params: Sequence[Parameters] | None = None,
+    params: Sequence[Parameters | str] | None = None,
     *,
     preset: str | None = None,
     rate: float | Fraction | None = None,
@@ -269,12 +275,14 @@ def analyse(
     ----------
     source : str, Path, FrameSource, Protocol or array
         As for :func:`oppload_cli.open_source`; an open video is not closed.
-    params : sequence of Parameters, optional
-        One set for each detector, such as ``[OpplodParams(), DlgmdParams()]``. If left out, OppLoD
-        and D-LGMD run with the parameters of the preset.
+    params : sequence of str or Parameters, optional
+        The detectors: names, such as ``["opplod", "lgmd2"]``, which have the parameters of the
+        preset, or sets of parameters, such as ``[OpplodParams(gain=2)]``. OppLoD and D-LGMD if left
+        out.
     preset : str, optional
         Name of the preset, which also gives the alarm and the working height. If left out, the
-        preset that has exactly these `params`, or else ``default``.
+        preset of a name such as ``opplod:paper``, that which has exactly these sets of `params`, or
+        else ``default``.
     rate, times, height
         As for :func:`oppload_cli.open_source`.
     alarm : AlarmParams, optional
@@ -357,16 +365,17 @@ def side_by_side(
         prepared.close()
 
 
-def _preset_of(params: Sequence[Parameters]) -> str:
+def _preset_of(params: Sequence[Parameters | str]) -> str:
     """Return the preset that has these parameters; the default preset if none has them."""
+    sets = [each for each in params if not isinstance(each, str)]
     for preset in PRESETS:
-        if all(parameters_of(detector_of(each).name, preset) == each for each in params):
+        if all(parameters_of(detector_of(each).name, preset) == each for each in sets):
             return preset
     return DEFAULT_PRESET
 
 
 def pass_params(
-    params: Sequence[Parameters] | None = None,
+    params: Sequence[Parameters | str] | None = None,
     preset: str | None = None,
     *,
     alarm: AlarmParams | None = None,
@@ -376,7 +385,7 @@ def pass_params(
     repeats: RepeatParams | Repeats | None = None,
 ) -> PassParams:
     """Return the parameters of a pass; the arguments and the error are those of :func:`analyse`."""
-    _check_kind("params", params, list | tuple, "a list, as parameters_of(name) in brackets")
+    _check_kind("params", params, list | tuple, "a list, such as ['opplod']")
     _check_kind("alarm", alarm, AlarmParams, "oppload_cli.alarm_params()")
     _check_kind("places", places, PlaceParams | bool, "True, False or oppload_cli.PlaceParams()")
     time_example = "oppload_cli.models.timebase.TimeParams(interval='frame')"
@@ -385,9 +394,20 @@ def pass_params(
     repeats_example = "oppload_cli.pipeline.repeats.RepeatParams(handling='exact')"
     _check_kind("repeats", repeats, RepeatParams | Repeats, repeats_example)
     for each in params or ():
-        _check_kind("params", each, Parameters, "sets of parameters, as parameters_of gives them")
-    preset = preset or _preset_of(params or ())
-    chosen = params or [parameters_of(name, preset) for name in default_names()]
+        kinds = "names of detectors, or sets as parameters_of gives them"
+        _check_kind("params", each, Parameters | str, kinds)
+    of_names = preset_in([each for each in params or () if isinstance(each, str)], "params")
+    if preset and of_names and preset != of_names:
+        raise ParameterError(
+            f"params asks for preset '{of_names}', but the preset is '{preset}'; leave one out"
+        )
+    preset = preset or of_names or _preset_of(params or ())
+    chosen: list[Parameters] = []
+    for each in params or default_names():
+        if isinstance(each, str):
+            chosen += [parameters_of(name, preset) for name in names_of(each)]
+        else:
+            chosen.append(each)
     names = [detector_of(each).name for each in chosen]
     for name in names:
         if names.count(name) > 1:

@@ -23,6 +23,7 @@ from oppload_cli import (
     RmoMetrics,
     analyse,
     open_video,
+    parameters_of,
     run,
     stimulus,
 )
@@ -120,6 +121,22 @@ def test_pictures_that_are_coded_anew_answer_as_they_would_at_their_own_rate(
     ]
     assert values[1] == pytest.approx(values[0], rel=most)
     assert values[2] == values[1]
+
+
+def test_names_stand_for_the_parameters_of_the_preset() -> None:
+    shown = looming(60, 30, 30, 16)
+    for preset in ("default", "reference"):
+        names, sets = (
+            [record.responses for record in analyse(shown, each, preset=preset, rate=30, rmo=False)]
+            for each in (
+                ["lgmd2", "opplod"],
+                [parameters_of("lgmd2"), parameters_of("opplod", preset)],
+            )
+        )
+        assert names == sets
+        assert list(names[0]) == ["lgmd2", "opplod"]
+    assert pass_params(["opplod:reference"]).preset == "reference"
+    assert pass_params(["dlgmd", REFERENCE]).preset == "reference"
 
 
 def test_a_near_repeat_holds_the_object_and_counts_its_time_down(tmp_path: Path) -> None:
@@ -480,8 +497,11 @@ def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
         ({"shape": ("90", "120")}, "shape must be height and width"),
         ({"shape": (100_000, 100_000)}, "at most 67108864 pixels.*or set OPPLOAD_MAX_PIXELS"),
         ({"params": [DlgmdParams(), DlgmdParams()]}, "not hold two sets of 'dlgmd'"),
-        ({"params": DlgmdParams()}, r"give a list, as parameters_of\(name\) in brackets"),
-        ({"params": ["opplod"]}, "params must not be 'opplod'; give sets of parameters"),
+        ({"params": DlgmdParams()}, r"give a list, such as \['opplod'\]"),
+        ({"params": [3]}, "params must not be 3; give names of detectors, or sets"),
+        ({"params": ["opplad"]}, "no model 'opplad'; did you mean 'opplod'"),
+        ({"params": ["opplod:paper"], "preset": "reference"}, "asks for preset 'paper', but the"),
+        ({"params": ["opplod", REFERENCE]}, "must not hold two sets of 'opplod'"),
         ({"alarm": 3}, r"alarm must not be 3; give oppload_cli.alarm_params\(\)"),
         ({"rmo": "x"}, "rmo must not be 'x'; give True"),
         ({"places": 3}, "places must not be 3; give True"),
