@@ -333,9 +333,8 @@ def tune(
     height: int | str | None = None,
     settings: Mapping[str, Any] | None = None,
     indicator_s: float = 0.0,
-    jobs: int = 1,
 ) -> Tuning:
-    """Measure the tuning of detectors to one stimulus, as ``oppload tune``.
+    """Measure the tuning of detectors to one stimulus, as ``oppload tune``, in one process.
 
     Parameters
     ----------
@@ -355,8 +354,6 @@ def tune(
         As for :func:`run`.
     indicator_s : float
         Time constant in s, 0 to 60, of a calcium indicator that shows the responses; 0 for none.
-    jobs : int
-        Number of processes, at least 1; the result does not depend on it.
 
     Returns
     -------
@@ -403,7 +400,7 @@ def tune(
     (sweep,) = sweeps(
         None if stimulus is None else str(stimulus), of_figure, dict(changes or {}), swept, wanted
     )
-    conditions = tuning.tune(sweep, indicator_s=indicator_s, jobs=jobs)
+    conditions = tuning.tune(sweep, indicator_s=indicator_s)
     doubts = list(tuning.doubts_about(conditions, sweep, indicator_s))
     sidecar = tuning.tuning_sidecar(sweep, command=(), indicator_s=indicator_s, doubts=doubts)
     # The numbers are rounded as in a file, and empty cells are NaN.
