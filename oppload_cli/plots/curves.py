@@ -411,10 +411,12 @@ def _draw_heat(panels: Panels, options: CurveOptions) -> Drawn:
         by_input.setdefault(curve.number, {})[curve.detector] = curve
     rows = list(by_input.values())
     names = _names([list(row.values()) for row in rows])
+    names = [style.wrapped(name, max(36, len(name) // 2 + 8)) for name in names]  # two lines
     scale = options.scale_of(curves)
     lines = -(-len(detectors) // _MOST_MAPS)
     columns = -(-len(detectors) // lines)
-    height = 1.2 + 0.15 * len(rows) * lines
+    row_height = 0.15 if all("\n" not in name for name in names) else 0.23
+    height = 1.2 + row_height * len(rows) * lines
     with style.styled_figure(style.PAGE, height) as figure:
         axes = style.panel_grid(figure, len(detectors), columns, sharex=lines > 1, sharey=True)
         ends = min(each.time[0] for each in curves), max(each.time[-1] for each in curves)
@@ -450,16 +452,12 @@ def _draw_heat(panels: Panels, options: CurveOptions) -> Drawn:
 def _write_names(axes: Sequence[Axes], names: Sequence[str]) -> None:
     """Write the names of the rows beside the leftmost heat map of each line of maps."""
     # Lines of maps have their titles and perhaps colour bars between them.
-    step = -(-len(names) // (_MOST_NAMES // (2 * len(axes) - 1)))
+    most = _MOST_NAMES if all("\n" not in name for name in names) else _MOST_NAMES * 2 // 3
+    step = -(-len(names) // (most // (2 * len(axes) - 1)))
     shown = range(0, len(names), step)
-    # Two lines at most.
-    texts = [style.wrapped(name, max(36, len(name) // 2 + 8)) for name in names]
-    axes[0].set_yticks(shown, [texts[at] for at in shown])
+    axes[0].set_yticks(shown, [names[at] for at in shown])
     for panel in axes:
-        panel.tick_params(axis="y", labelsize=6, length=0)
-        for label in panel.get_yticklabels():
-            if "\n" in label.get_text():
-                label.set(fontsize=4.5, linespacing=0.9)
+        panel.tick_params(axis="y", labelsize=style.LEAST_SIZE, length=0)
     if step > 1:
         axes[0].set_ylabel(f"one name in {step} is written")
 

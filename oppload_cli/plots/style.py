@@ -63,6 +63,8 @@ _HEADROOM = 1.06  # upper end of an axis over its highest point, for half of a m
 DECADES = 4  # that a logarithmic heat map shows at most
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _WORDS = re.compile(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]")
+# Lines may end at spaces, at hyphens between letters, and at the underscores of file names.
+_BREAKS = re.compile(r"([ \t]+|[^ \t]*?(?:_+|(?<=[^\W\d_])-(?=[^\W\d_])))")
 _UNIT = re.compile(r"(?<=\d) (?=(?:s|ms|deg|px)\b)")
 # The usual fonts with Chinese, Japanese and Korean characters, which DejaVu Sans lacks.
 _EAST_ASIAN = (
@@ -390,7 +392,9 @@ def wrapped(text: str, width: int) -> str:
     text = _UNIT.sub("\xa0", text)  # a number and its unit stay together
     most = width * _LETTER_EM if width in {TITLE_WIDTH, LEGEND_WIDTH} else np.inf
     while True:
-        parts = (textwrap.wrap(line, width, break_on_hyphens=True) for line in text.splitlines())
+        wrapper = textwrap.TextWrapper(width)
+        wrapper.wordsep_re = _BREAKS
+        parts = map(wrapper.wrap, text.splitlines())
         lines = [escaped(each.replace("\xa0", " ")) for part in parts for each in part]
         if width <= _LEAST_WIDTH or max(map(width_em, lines), default=0) <= most:
             break

@@ -18,7 +18,7 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.curves import _binned, plot_curves
 from oppload_cli.plots.rmo import plot_rmo
-from oppload_cli.plots.style import COLUMN, CYCLE, METADATA, MOST_HEIGHT, PAGE, save
+from oppload_cli.plots.style import COLUMN, CYCLE, LEAST_SIZE, METADATA, MOST_HEIGHT, PAGE, save
 from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
 from tests.results.make import frame_rows, write_result, write_rows
@@ -341,16 +341,19 @@ def test_a_bin_of_time_shows_its_largest_value() -> None:
     assert _binned(time, value, 0.6, 0.8, 2).tolist() == [2, 2]
 
 
-def test_a_long_name_leaves_a_heat_map_its_width(tmp_path: Path) -> None:
-    long = "a video with a rather long name, of the second camera in the cellar, the copy"
-    names = [*(f"clip-{number}" for number in range(24)), long]
-    figure, (panel,) = plot_curves(several(tmp_path, 25), models=["opplod"], labels=names)
+@pytest.mark.parametrize("count", [25, 70])
+def test_long_names_leave_a_heat_map_its_width_and_lie_apart(tmp_path: Path, count: int) -> None:
+    long = "a video with a rather long name, of the second camera in the cellar, copy"
+    names = [f"clip-{at}" if at < 3 else f"{long} {at}" for at in range(count)]
+    figure, (panel,) = plot_curves(several(tmp_path, count), models=["opplod"], labels=names)
     figure.draw_without_rendering()
     assert panel.get_position().width > 0.6
-    told = [label.get_text().replace("\n", " ") for label in panel.get_yticklabels()]
-    assert told == names
-    last, before = (panel.get_yticklabels()[at].get_window_extent() for at in (-1, -2))
-    assert not last.overlaps(before)
+    labels = panel.get_yticklabels()
+    told = [label.get_text().replace("\n", " ") for label in labels]
+    assert told == names[:: round(count / len(told))]
+    assert {label.get_fontsize() for label in labels} == {LEAST_SIZE}
+    extents = [label.get_window_extent() for label in labels]
+    assert not any(one.overlaps(other) for one, other in pairwise(extents))
 
 
 @pytest.mark.parametrize("count", [1, 4, 25])  # a panel, small panels and a heat map

@@ -53,6 +53,18 @@ def test_a_number_and_its_unit_stay_in_one_line() -> None:
     assert wrapped("a peak at 0.633 s", 15) == "a peak at\n0.633 s"
 
 
+@pytest.mark.parametrize(
+    ("name", "lines"),
+    [
+        ("clip_12_of_the_northern_field", ["clip_12_of_the_", "northern_field"]),
+        ("2023-11-12_over-field", ["2023-11-12_over-", "field"]),
+        ("an index of -0.25", ["an index of", "-0.25"]),
+    ],
+)
+def test_lines_end_between_words_also_of_file_names(name: str, lines: list[str]) -> None:
+    assert wrapped(name, 16).splitlines() == lines
+
+
 def test_long_names_are_wrapped_and_never_cut() -> None:
     name = "a_name_without_any_space_" * 4 + " and some words"
     lines = wrapped(name, 30).splitlines()
