@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import ManifestError, nearest, suggestion
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
+from oppload_cli.files.tables import separator_hint
 from oppload_cli.models.detector import Box
 
 if TYPE_CHECKING:
@@ -110,10 +111,7 @@ def _check_header(path: Path, header: Sequence[str]) -> None:
     if missing:
         unknown = [name for name in header if name not in _KNOWN and _meant(name, missing)]
         hint = f" (it has '{unknown[0]}')" if unknown else ""
-        # As spreadsheets write in many countries, or as they copy cells.
-        for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-            if len(header) == 1 and mark in header[0]:
-                hint = f" (its cells are separated by {name}, not by commas)"
+        hint = separator_hint(header) or hint
         raise ManifestError(
             f"{path}: its first row lacks {', '.join(missing)}{hint}; begin it with "
             f"{','.join(_REQUIRED)}"

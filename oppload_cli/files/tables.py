@@ -184,6 +184,15 @@ def refuse_another_table(path: Path, columns: Sequence[str]) -> None:
         )
 
 
+def separator_hint(header: Sequence[str]) -> str:
+    """Return a hint, for messages, if other characters than commas separate the columns."""
+    # As spreadsheets write in many countries, or as they copy cells.
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and mark in header[0]:
+            return f" (its cells are separated by {name}, not by commas)"
+    return ""
+
+
 def rows_in(path: Path) -> int:
     """Return how many complete rows a CSV file without line ends in its cells holds."""
     with path.open("rb") as file:

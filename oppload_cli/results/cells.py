@@ -11,7 +11,7 @@ import pandas as pd
 
 from oppload_cli.errors import ResultError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
-from oppload_cli.files.tables import rows_in
+from oppload_cli.files.tables import rows_in, separator_hint
 from oppload_cli.video.inputs import is_video
 
 if TYPE_CHECKING:
@@ -151,4 +151,5 @@ def need_columns(path: Path, table: pd.DataFrame, columns: Sequence[str], advice
     """Raise a ResultError that names the first missing column, if one is missing."""
     for name in columns:
         if name not in table.columns:
-            raise ResultError(f"{path}: has no column '{name}'; {advice}")
+            hint = separator_hint(list(table.columns))
+            raise ResultError(f"{path}: has no column '{name}'{hint}; {advice}")

@@ -37,6 +37,11 @@ def emptied(name: str) -> list[Row]:
     ("rows", "options", "sentence"),
     [
         ([{"t": "0", "v": "1"}], [], "has no column 'frame'"),  # of another tool
+        (  # of a spreadsheet
+            [{"frame;time_s": "0;0"}],
+            [],
+            "has no column 'frame' (its cells are separated by semicolons, not by commas); give a",
+        ),
         (without("time_s"), [], "has no column 'time_s'"),
         (without("opplod_response", "dlgmd_response"), [], "has no column 'opplod_response'"),
         (without("dlgmd_response"), ["--model", "dlgmd"], "has no column 'dlgmd_response'"),
