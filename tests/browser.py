@@ -21,13 +21,17 @@ class Browser:
     def __init__(self, driver: Any) -> None:
         self.driver = driver
 
-    def open(self, page: Path, fragment: str = "", *, dark: bool = False, wide: int = 1200) -> None:
-        """Open a page from its file, in a new tab of a width in pixels."""
+    def open(
+        self, page: Path, fragment: str = "", *, dark: bool = False, wide: int = 1200,
+        media: str = "",
+    ) -> None:  # fmt: skip
+        """Open a page from its file, in a new tab of a width in pixels; media may be "print"."""
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.driver.get("about:blank")
         for kind in ("browser", "performance"):
             self.driver.get_log(kind)
-        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": scheme})
+        look = {"media": media, "features": scheme}
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", look)
         size = {"width": wide, "height": 900, "deviceScaleFactor": 1, "mobile": wide < 600}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         self.driver.get(page.as_uri() + fragment)

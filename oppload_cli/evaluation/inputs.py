@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli import stimulus
 from oppload_cli.errors import ManifestError, ParameterError, SourceError, StimulusError
-from oppload_cli.evaluation.manifest import Entry, Manifest, read_manifest, with_boxes
+from oppload_cli.evaluation.manifest import STIMULI, Entry, Manifest, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder
 from oppload_cli.models.detector import Box
@@ -170,7 +170,7 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
             continue
         for label in _labels_of(name, truth, video, size):
             entries.append(Entry(len(entries) + 1, source, label))
-    return Manifest(Path("stimuli"), entries, faults, len(entries) + len(faults))
+    return Manifest(STIMULI, entries, faults, len(entries) + len(faults))
 
 
 def _labels_of(name: str, truth: Table, video: int, size: tuple[int, int]) -> list[Label]:

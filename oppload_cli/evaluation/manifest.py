@@ -8,6 +8,7 @@ import json
 import os.path
 import re
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ManifestError, nearest, suggestion
@@ -18,7 +19,6 @@ from oppload_cli.models.detector import Box
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from oppload_cli.stimulus.protocol import Protocol
 
@@ -28,6 +28,7 @@ _IGNORED = ("fps", "frames", "width", "height", "source", "licence")
 _KNOWN = (*_REQUIRED, "motion", *_IGNORED)
 _LOOMING, _NONE = "looming", "none"
 _USUAL_BOXES = "boxes.json"
+STIMULI = Path("stimuli")  # in place of the path of a manifest
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from oppload_cli.errors import SourceError, counted
 from oppload_cli.evaluation.detectors import full_label
+from oppload_cli.evaluation.manifest import STIMULI
 from oppload_cli.evaluation.metrics.alarms import AT_ONE
 from oppload_cli.evaluation.plots import PLOTS
 from oppload_cli.files.html import embedded, rendered
@@ -54,12 +55,12 @@ INTERVALS: str = _DEFINITIONS["intervals"]
 NO_VALUE = "\N{EN DASH}"
 # Columns of the summary: title, measure, condition.
 _HEADLINE = (
-    ("detected", "detection_rate", "at 1 per minute"),
-    ("lead (s)", "lead_time_s", "at 1 per minute"),
-    ("detected, held out", "detection_rate", "held out at 1 per minute"),
-    ("its false alarms per minute", "false_alarms_per_minute", "held out at 1 per minute"),
-    ("alarm as shipped: detected", "detection_rate", "alarm as shipped"),
-    ("its false alarms per minute", "false_alarms_per_minute", "alarm as shipped"),
+    ("at 1 per minute: detected", "detection_rate", "at 1 per minute"),
+    ("at 1 per minute: lead (s)", "lead_time_s", "at 1 per minute"),
+    ("held out: detected", "detection_rate", "held out at 1 per minute"),
+    ("held out: false alarms per minute", "false_alarms_per_minute", "held out at 1 per minute"),
+    ("as shipped: detected", "detection_rate", "alarm as shipped"),
+    ("as shipped: false alarms per minute", "false_alarms_per_minute", "alarm as shipped"),
     ("ROC area", "roc_auc", "last second before contact"),
     ("ordered pairs, 4 frames ahead", "ordered_pairs", "4 frames before contact"),
     ("inside the box", "place_inside", "within 15 frames of contact"),
@@ -78,6 +79,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         report=report,
         plots=[(embedded(plots[name]), caption) for name, (caption, _) in PLOTS.items()],
         stills=list(_stills(evaluation)),
+        stimuli=evaluation.manifest.path == STIMULI,
         headline=_HEADLINE,
         allowed=int(minutes),
         quiet=f"{number(minutes)} minutes" if minutes >= 1.5 else f"{number(60 * minutes)} s",

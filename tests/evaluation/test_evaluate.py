@@ -30,7 +30,7 @@ DETECTORS = ["opplod:reference", "dlgmd", "frame_difference", "flow_divergence"]
 
 
 class Page(HTMLParser):
-    """Sources and links of a page, and the cells of its table of figures."""
+    """Sources and links to other files of a page, and the cells of its table of figures."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -42,6 +42,7 @@ class Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         values = {name: value or "" for name, value in attrs}
         self.sources += [values[name] for name in ("src", "href") if name in values]
+        self.sources = [each for each in self.sources if not each.startswith("#")]
         if tag == "section":
             self._section = values["id"]
         self._is_value = values.get("class") in {"value", "spread"}
@@ -218,7 +219,8 @@ def test_the_page_holds_every_figure_and_needs_no_other_file(evaluated: Path) ->
         value, low, high = (float(row[key] or "nan") for key in ("value", "low", "high"))
         assert number(value) in shown
         assert any(
-            text == f"{number(low)} to {number(high)}, n {row['n']}" or text == f"n {row['n']}"
+            text == f"{number(low)} to {number(high)}, n {row['n']}"
+            or text in {f"no interval, n {row['n']}", f"n {row['n']}"}
             for text in shown
         )
     embedded = [base64.b64decode(source.partition(",")[2]) for source in page.sources]
@@ -237,6 +239,17 @@ def test_a_browser_shows_every_picture(evaluated: Path, browser: Browser) -> Non
     page = evaluated / "evaluation.html"
     browser.open(page)
     assert browser.pictures() == page.read_text().count("<img ")
+
+
+CUT = """return [...document.querySelectorAll('.wide')].filter(
+    e => e.scrollWidth > e.clientWidth && getComputedStyle(e).overflowX !== 'visible').length"""
+
+
+def test_no_table_is_cut_on_paper(evaluated: Path, browser: Browser) -> None:
+    """On a phone, a table scrolls; paper cannot scroll."""
+    for media, cut in (("screen", True), ("print", False)):
+        browser.open(evaluated / "evaluation.html", wide=380, media=media)
+        assert (browser.run(CUT) > 0) == cut, media
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import pytest
 from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector
 from oppload_cli.evaluation.evaluate import Evaluation
-from oppload_cli.evaluation.manifest import Entry, Manifest
+from oppload_cli.evaluation.manifest import STIMULI, Entry, Manifest
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
 from oppload_cli.evaluation.output import FILES, printed_table, report_of, write_evaluation
@@ -113,6 +113,49 @@ def test_the_page_has_the_figures_and_escapes_names(evaluation: Evaluation) -> N
     assert text.count('<span class="no">missed</span>') == 1
     assert '<span class="no">3 false</span>' in text
     assert '<span class="yes">0.5 s</span>' in text
+
+
+def contrast(colour: str, ground: str) -> float:
+    """The ratio of WCAG 2 for two colours as #RGB or #RRGGBB."""
+    darker, lighter = sorted(map(luminance_of, (colour, ground)))
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def luminance_of(colour: str) -> float:
+    digits = colour.removeprefix("#")
+    digits = "".join(2 * each for each in digits) if len(digits) == 3 else digits
+    share = np.frombuffer(bytes.fromhex(digits), np.uint8) / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def test_all_words_of_the_page_can_be_read(evaluation: Evaluation) -> None:
+    style = re.search("<style>(.*)</style>", page(evaluation), re.DOTALL)
+    assert style
+    named = dict(re.findall(r"(--\w+): (#\w+)", style[1]))
+    colours = re.findall(r"[{ ;]color: (?:var\((--\w+)\)|(#\w+))", style[1])
+    assert len(colours) > 5
+    for name, colour in colours:
+        assert contrast(colour or named[name], "#fff") >= 4.5, name or colour
+
+
+def test_the_summary_says_what_each_number_is(evaluation: Evaluation) -> None:
+    text = page(evaluation)
+    summary = text[text.index('<section id="summary">') : text.index('<section id="plots">')]
+    headings = re.findall("<th>(.*?)</th>", summary)
+    assert len(set(headings)) == len(headings)
+    assert "a share of the 2 approaches" in summary
+    # No word needs a mouse that stays over another word.
+    assert 'title="' not in text
+    assert 'href="#parameters"' in summary
+    # A number whose draws are all the same has no interval.
+    assert '<span class="spread">no interval, n ' in text
+
+
+def test_labels_of_stimuli_are_from_no_manifest(evaluation: Evaluation) -> None:
+    assert "The labels are from <code>clips.csv</code>" in page(evaluation)
+    stimuli = replace(evaluation, manifest=replace(evaluation.manifest, path=STIMULI))
+    assert "The labels are from the ground truth of the stimuli" in page(stimuli)
 
 
 def points_of(page: str) -> list[tuple[float, float]]:
