@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 # Of detectors under these presets, from Okabe and Ito's palette.
 _COLOURS = {"reference": "#009E73", "paper": "#CC79A7"}
+_HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "----")  # of bars
 _WIDTH, _HEIGHT = 4.8, 3.5  # inches, for up to 8 detectors or kinds of motion
 _ROW, _ROWS = 0.3, 8  # inches by which the figure grows for each further one
 _LEGEND_EM, _HANDLE_EM = 52, 4.8  # width of the legend and of what is beside a label, in its font
@@ -101,7 +102,7 @@ def _order(axes: Axes, performances: Performances) -> None:
         values = np.array([row.value for row in rows])
         spread = np.array([[row.value - row.low, row.high - row.value] for row in rows]).T
         bars: dict[str, Any] = {"ecolor": INK, "elinewidth": 0.7, "capsize": 1.5}
-        axes.bar(x, values, width * 0.9, color=look["color"], label=look["label"])
+        axes.bar(x, values, width * 0.9, **_bar_look(look, index))
         axes.errorbar(x, values, np.maximum(spread, 0), fmt="none", **bars)
     axes.axhline(0.5, color=FAINT, lw=0.7, linestyle=":")
     axes.set_xticks(range(len(AHEAD)), [str(frames) for frames in AHEAD])
@@ -157,7 +158,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
         values = np.array([one.value for one in kinds.values()])
         bounds = np.array([[one.low, one.high] for one in kinds.values()]).reshape(-1, 2)
         spread = np.abs(bounds.T - values)
-        axes.barh(y, values, height * 0.9, color=look["color"], label=look["label"])
+        axes.barh(y, values, height * 0.9, **_bar_look(look, index))
         axes.errorbar(values, y, xerr=spread, fmt="none", ecolor=look["color"], elinewidth=0.9)
         highest = max(highest, values.max(initial=0))
     labels = [f"{plain(kind)}\n{counted(one.n, 'clip')}" for kind, one in kinds.items()]
@@ -187,8 +188,16 @@ def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
 def _looks(performances: Performances) -> Iterator[tuple[Performance, dict[str, Any]]]:
     """Yield each performance with the label, colour and dashes of its line."""
     for index, (name, each) in enumerate(performances.items()):
-        look = {"label": wrapped(full_label(name), _LABEL), "color": _colour_of(name), "lw": 1.2}
-        yield each, {**look, "ls": DASHES[index % len(DASHES)]}
+        look = {"label": wrapped(full_label(name), _LABEL), "color": _colour_of(name)}
+        # Each line is thinner than the one before, so that lines that coincide are all seen.
+        width = max(1.0, 2.6 - 0.4 * index)
+        yield each, {**look, "lw": width, "ls": DASHES[index % len(DASHES)]}
+
+
+def _bar_look(look: Mapping[str, Any], index: int) -> dict[str, Any]:
+    """Return the look of the bars of detector `index`, which differ in grey print too."""
+    hatch = _HATCHES[index % len(_HATCHES)]
+    return {"color": look["color"], "label": look["label"], "hatch": hatch, "edgecolor": "white"}
 
 
 def _colour_of(full_name: str) -> str:
@@ -226,7 +235,7 @@ def _columns(labels: Sequence[str]) -> int:
 def _say(axes: Axes, words: str) -> None:
     # The white ground parts the words from lines.
     ground = {"facecolor": "white", "edgecolor": "none", "pad": 2}
-    axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", color=FAINT, bbox=ground)
+    axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", color=INK, bbox=ground)
 
 
 def _say_if_empty(axes: Axes, words: str) -> None:

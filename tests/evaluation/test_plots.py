@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from matplotlib.container import BarContainer
 
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
@@ -40,6 +41,17 @@ def test_detection_over_false_alarms() -> None:
     # Above 3: none false, one approach of two; above 1.5: one false; then both.
     assert rates[:3] == pytest.approx(np.array([0, 1, 2]) / minutes)
     assert detected[:3] == [0.5, 1, 1]
+
+
+def test_detectors_differ_also_where_they_coincide_and_without_colours() -> None:
+    both = {"opplod:reference": MEASURED[NAME], "dlgmd": MEASURED[NAME]}
+    first, second = figure_of("roc.png", both).axes[0].get_lines()[1:]
+    assert first.get_linewidth() > second.get_linewidth() >= 1
+    assert first.get_linestyle() != second.get_linestyle()
+    for name in ("within-clip.png", "false-alarms.png"):
+        bars = figure_of(name, both).axes[0].containers
+        hatches = {bar.patches[0].get_hatch() for bar in bars if isinstance(bar, BarContainer)}
+        assert len(hatches) == 2, name
 
 
 def test_leads_and_kinds_are_those_of_the_figures() -> None:
