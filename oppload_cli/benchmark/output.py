@@ -13,12 +13,21 @@ from oppload_cli.benchmark.battery import CONTROL, LOOMING, TABLES, BatteryTable
 from oppload_cli.environment import environment
 from oppload_cli.errors import OutputError
 from oppload_cli.evaluation.detectors import EvaluatedDetector, full_label
-from oppload_cli.evaluation.page import number
+from oppload_cli.evaluation.output import report_of
+from oppload_cli.evaluation.page import NO_VALUE, number
 from oppload_cli.files.atomic import output_errors, refuse_existing, remove, write_atomic
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.files.tables import Cell, csv_text, finite_text
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.style import PAGE, SHADES, image_bytes, plain, save, styled_figure
+from oppload_cli.plots.style import (
+    PAGE,
+    SHADES,
+    image_bytes,
+    plain,
+    save,
+    styled_figure,
+    write_title,
+)
 from oppload_cli.results.table import write_sidecar
 
 if TYPE_CHECKING:
@@ -256,9 +265,11 @@ def _drawn(benchmark: Benchmark, table: BatteryTable) -> Figure:
         axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(len(names)), [plain(full_label(name)) for name in names])
         axes.set_xlabel(table.axis)
-        axes.set_title(
-            f"{table.title}\nshades: response divided by that to the looming disk\n"
-            "dots: alarm, half a dot: for some stimuli"
+        # Above the complete figure: above narrow axes, the lines would be cut.
+        write_title(
+            figure,
+            f"{table.title}\nshades: response / that to the looming disk\n"
+            "dots: alarm, half a dot: for some stimuli",
         )
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
@@ -293,20 +304,22 @@ def _page(
         ("false_alarms_per_minute", "alarm as shipped"),
         ("roc_auc", "last second before contact"),
     )
-    values = {
-        (each.detector, each.measure, each.condition): each.value
-        for each in (benchmark.clips.measurements if benchmark.clips else ())
-    }
-    clips = {
-        name: [values.get((name, *column), math.nan) for column in columns]
-        for name in benchmark.names
+    clips = benchmark.clips
+    found = {
+        (each.detector, each.measure, each.condition): each
+        for each in (clips.measurements if clips else ())
     }
     return rendered(
         "benchmark.html",
         summaries=sorted(summaries.items(), key=lambda item: -np.nan_to_num(item[1].auc, nan=-1.0)),
         tables=[(table, embedded(pictures[table.name])) for table in benchmark.tables],
-        clips=clips if values else {},
+        clips=report_of(clips)["manifest"] if clips else None,
+        measured={
+            name: [found.get((name, *column)) for column in columns] for name in benchmark.names
+        },
+        tool=environment(),
         detectors=benchmark.detectors,
         full_label=full_label,
         number=number,
+        nothing=NO_VALUE,
     )

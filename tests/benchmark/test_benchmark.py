@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import shutil
 import sys
 from contextlib import contextmanager
@@ -289,6 +290,20 @@ def test_faults_of_the_clips_are_told(tmp_path: Path) -> None:
         f"oppload: {manifest}: row 3: b.avi: there is no such file; give its path from the "
         "manifest's folder\n"
     )
+    page = (tmp_path / "b" / "benchmark.html").read_text()
+    assert "Clips with an approach: 0; without: 1; with" in page
+    assert re.search(r"0 \(0 to \d+\)", page)  # false alarms per minute, with the interval
+    assert "oppload 1" in page
+
+
+def test_the_title_of_a_narrow_table_is_not_cut() -> None:
+    found = Benchmark(shown([(LOOMING, 4.0, 1), (CONTROL, 2.0, 0)]), chosen_detectors(["lgmd2"]))
+    figure = _drawn(found, TABLES[0])
+    figure.draw_without_rendering()
+    words = [*figure.texts, *(each.title for each in figure.axes)]
+    assert any("shades" in each.get_text() for each in words)
+    for each in words:
+        assert each.get_window_extent().x1 <= figure.bbox.x1
 
 
 def test_the_shades_end_at_the_responses() -> None:
