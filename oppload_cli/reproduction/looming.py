@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.style import FAINT, INK, styled_figure
+from oppload_cli.plots.style import DASHES, FAINT, INK, styled_figure
 from oppload_cli.reproduction.claims import (
     PAPER_PRESETS,
     TITLES,
@@ -228,11 +228,12 @@ def _draw(protocol: Protocol, shown: Shown, paper: dict[str, int]) -> Figure:
     with styled_figure(WIDE, 4.3) as figure:
         axes = figure.subplots(2, 2, width_ratios=[2, 1])
         for (curves, still), (preset, each) in zip(axes, shown.items(), strict=True):
-            for name, responses in each.items():
+            for (name, responses), dash in zip(each.items(), DASHES, strict=False):
                 peak, colour = responses.peak or 0, detector_named(name).colour
                 over = responses.response[peak]
                 label = f"{detector_named(name).label}, peak {over:.3g}"
-                curves.plot(responses.frame, responses.response / over, color=colour, label=label)
+                look = {"color": colour, "linestyle": dash, "label": label}
+                curves.plot(responses.frame, responses.response / over, **look)
                 curves.plot(responses.frame[peak], 1, "o", mfc="none", mec=colour, clip_on=False)
             for name, frame in paper.items():
                 curves.axvline(frame, color=detector_named(name).colour, lw=0.8, linestyle=":")

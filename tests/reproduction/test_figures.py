@@ -73,6 +73,10 @@ def test_looming_disk_in_the_middle() -> None:
     assert "D-LGMD at or before frame 3" in earlier.text
     assert built.settings["paper"] == "native size"
     assert len(built.rows) == 2 * 2 * 45  # presets, detectors, frames
+    # In grey print only their dashes tell the curves apart.
+    assert built.figure
+    curves = built.figure.axes[0].get_lines()[:4:2]
+    assert len({each.get_linestyle() for each in curves}) == 2
 
 
 def test_the_paper_gives_frames_for_the_disk_in_the_middle_only(
