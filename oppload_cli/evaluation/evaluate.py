@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.metrics.clips import Numbers
     from oppload_cli.models.detector import Box
     from oppload_cli.results.table import FrameRecord
-    from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.video.frames import DecodedSource, FrameSource
 
 
@@ -136,7 +135,7 @@ def _analyse_video(
     try:
         for height in dict.fromkeys(each.height for each in detectors):
             of_height = [each for each in detectors if each.height == height]
-            with _opened(entries[0].path, height, threads) as video:
+            with _opened(entries[0], height, threads) as video:
                 times, new_outputs = outputs_of(video, of_height)
                 outputs.update(new_outputs)
                 complete, facts = video.decode.complete, video.facts
@@ -164,13 +163,12 @@ def _analyse_video(
     return analysed
 
 
-def _opened(
-    path: Path | Protocol, height: int, threads: int
-) -> AbstractContextManager[DecodedSource]:
+def _opened(entry: Entry, height: int, threads: int) -> AbstractContextManager[DecodedSource]:
     """Open a video, or a stimulus that is drawn frame by frame."""
-    if isinstance(path, Path):
-        return open_video(path, height=height, threads=threads)
-    return nullcontext(StimulusVideo(path, height))
+    if isinstance(entry.path, Path):
+        rate = entry.true_rate
+        return open_video(entry.path, height=height, true_rate=rate, threads=threads)
+    return nullcontext(StimulusVideo(entry.path, height))
 
 
 def _fault_of(clip: Clip) -> str:

@@ -11,21 +11,24 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.errors import ManifestError, nearest, suggestion
+from oppload_cli.errors import ManifestError, ParameterError, nearest, suggestion
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.files.tables import separator_hint
 from oppload_cli.models.detector import Box
+from oppload_cli.schema import parsed_fraction
+from oppload_cli.video.inputs import checked_rate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from fractions import Fraction
 
     from oppload_cli.stimulus.protocol import Protocol
 
 
 _REQUIRED = ("file", "label", "onset_frame", "contact_frame")
 _IGNORED = ("fps", "frames", "width", "height", "source", "licence")
-_KNOWN = (*_REQUIRED, "motion", *_IGNORED)
+_KNOWN = (*_REQUIRED, "motion", "true_rate", *_IGNORED)
 _LOOMING, _NONE = "looming", "none"
 _USUAL_BOXES = "boxes.json"
 STIMULI = Path("stimuli")  # in place of the path of a manifest
@@ -38,6 +41,7 @@ class Entry:
     row: int  # its number; the header is row 1
     path: Path | Protocol  # the clip, or the protocol of a stimulus to draw
     label: Label
+    true_rate: Fraction | None = None  # frames/s of the camera; None: those of the file
 
 
 @dataclass(frozen=True)
@@ -140,9 +144,9 @@ def _entry(
     real_path = os.path.realpath(path)
     if real_path in row_of:
         raise _RowError(f"{row['file']} is in row {row_of[real_path]} already; keep one of them")
-    label = _label(row)
+    label, true_rate = _label(row), _true_rate(row)
     row_of[real_path] = number
-    return Entry(number, path, label)
+    return Entry(number, path, label, true_rate)
 
 
 def _label(row: dict[str, str]) -> Label:
@@ -176,6 +180,17 @@ def _frame(name: str, row: dict[str, str], column: str) -> int:
     if not number:
         raise _RowError(f"{name}: {column} must be a whole number from 0, not '{text}'")
     return int(number[1])
+
+
+def _true_rate(row: dict[str, str]) -> Fraction | None:
+    text = row.get("true_rate", "")
+    try:
+        return checked_rate(parsed_fraction(text) if text else None)
+    except (ValueError, ZeroDivisionError, ParameterError):
+        raise _RowError(
+            f"{row['file']}: true_rate must be the frames/s of the camera, such as 500 or "
+            f"30000/1001, not '{text[:60]}'"
+        ) from None
 
 
 def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
+import pytest
 
 from oppload_cli import DlgmdParams, OpplodResponse, analyse, open_video
 from oppload_cli.detection.alarm import alarm_params
@@ -24,6 +27,19 @@ if TYPE_CHECKING:
 
 # Tests in which the size does not matter are quick at a small one.
 SMALL = [replace(each, height=60) for each in evaluated_detectors(["opplod:reference"])]
+
+
+def test_the_times_of_a_clip_in_slow_motion_are_those_of_its_camera(tmp_path: Path) -> None:
+    write_video(tmp_path / "slow.avi", grey_frames(30), rate=25)
+    (tmp_path / "images").mkdir()
+    for index, frame in enumerate(grey_frames(30)):
+        cv2.imwrite(str(tmp_path / "images" / f"{index}.png"), frame)
+    for name in ("slow.avi", "images"):
+        entry = Entry(2, tmp_path / name, Label(name), true_rate=Fraction(100))
+        ((clip, faults),) = analyse_clips([entry], SMALL)
+        assert faults == []
+        assert clip is not None
+        assert clip.time_s == pytest.approx(np.arange(30) / 100), name
 
 
 def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import sys
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import pytest
@@ -51,6 +52,18 @@ def test_the_rows_of_a_manifest(folder: Path) -> None:
     assert (first.label.name, first.label.onset, first.label.contact) == ("a.avi", 12, 40)
     assert (first.label.looming, first.label.kind) == (True, "before an approach")
     assert (second.label.looming, second.label.kind) == (False, "translating, fast")
+
+
+def test_the_true_rate_of_a_clip(folder: Path) -> None:
+    rows = "a.avi,none,,,30000/1001", "b.avi,none,,,", "c.avi,none,,,fast"
+    found = read_manifest(written(folder, *rows, header=f"{HEADER},true_rate"))
+    assert [each.true_rate for each in found.entries] == [Fraction(30000, 1001), None]
+    (fault,) = found.faults
+    assert "row 4: c.avi: true_rate must be the frames/s of the camera, such as 500" in fault
+    assert found.notes == ()
+    for rate in ("0", "-3", "1/0", "1e9", "nan"):
+        wrong = written(folder, f"a.avi,none,,,{rate}", header=f"{HEADER},true_rate")
+        assert f"not '{rate}'" in read_manifest(wrong).faults[0]
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,8 @@ def captions(page: str) -> list[str]:
 
 def test_the_printed_table_bounds_what_no_alarm_can_show(evaluation: Evaluation) -> None:
     """Twice 7.7 s before an onset, and three times 60 s: 3.26 minutes; 3 / 3.26 is 0.92."""
-    first, *_, last = printed_table(evaluation)
+    first, *between, last = printed_table(evaluation)
+    assert "In brackets: 95 % intervals" in between[-1]
     assert first.endswith("clips without one: 3, minutes without an approach: 3.26")
     assert last.startswith("A detector without a false alarm in 3.26 minutes may")
     assert "up to 0.92 per minute" in last
