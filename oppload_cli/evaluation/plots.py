@@ -125,7 +125,7 @@ def _leads(axes: Axes, performances: Performances) -> None:
         ranks = _rank_among_equal(leads)
         highest = np.abs(ranks).max(initial=1)
         y = row + min(_POINT_STEP, _MOST_OFFSET / highest) * ranks
-        axes.plot(leads, y, "o", color=look["color"], markersize=3.5, alpha=0.8)
+        axes.plot(leads, y, "o", color=look["color"], markersize=3.5, alpha=0.8, clip_on=False)
         if len(leads):
             axes.plot([np.median(leads)] * 2, [row - 0.3, row + 0.3], color=INK, lw=1.2)
     axes.set_yticks(range(len(labels)), labels)

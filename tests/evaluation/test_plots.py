@@ -58,6 +58,7 @@ def test_leads_and_kinds_are_those_of_the_figures() -> None:
     (axes,) = figure_of("lead-time.png", MEASURED).axes
     # At one false alarm per minute two of them: the threshold is 0.5.
     assert np.asarray(axes.get_lines()[0].get_xdata()).tolist() == pytest.approx([0.5, 0.6])
+    assert not axes.get_lines()[0].get_clip_on()  # the largest lead is at the end of the axis
     assert [label.get_text() for label in axes.get_yticklabels()] == ["detector\n2 of 2"]
     (axes,) = figure_of("false-alarms.png", MEASURED).axes
     kinds = [label.get_text() for label in axes.get_yticklabels()]
