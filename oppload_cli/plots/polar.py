@@ -296,6 +296,7 @@ def draw_polar(
 ) -> None:
     """Draw curves into one polar plot, divided by their peaks or, if `raw`, in their own unit.
 
+    A curve that means little is thin and grey.
     A line of text below the plot has at most `across` characters.
     """
     top = 0.0
@@ -303,11 +304,14 @@ def draw_polar(
         peak = curve.numbers.peak
         over = 1.0 if raw or peak <= 0 else peak
         angles, values = _closed(curve.angles_deg, curve.responses / over)
-        axes.plot(np.deg2rad(angles), values, label=_label(curve, across, raw=raw), **curve.look)
+        look = dict(curve.look)
+        if curve.doubts:
+            look |= style.DOUBTFUL | {"color": style.GREY}  # darker than the circles
+        axes.plot(np.deg2rad(angles), values, label=_label(curve, across, raw=raw), **look)
         top = max(top, float(np.max(values, initial=0)))
         if curve.deviations is not None:
             bars, heights = curve.deviations / over, curve.responses / over
-            style.error_bars(axes, np.deg2rad(curve.angles_deg), heights, bars, curve.look["color"])
+            style.error_bars(axes, np.deg2rad(curve.angles_deg), heights, bars, look["color"])
             top = max(top, float(np.nanmax(heights + bars, initial=0)))
     axes.set_thetagrids(range(0, 360, 45), [f"{angle}°" for angle in range(0, 360, 45)])
     top = top or 1.0

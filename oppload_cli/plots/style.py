@@ -48,6 +48,7 @@ CYCLE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
 MARKERS = ("o", "^", "D", "v")  # of the points of a curve, one for each kind of dashes
 LEAST_SIZE = 6  # points of the smallest letters
+DOUBTFUL = {"color": FAINT, "lw": 0.7, "markersize": 2}  # the look of a curve that means little
 FEW = 4  # so many detectors fit into one column
 SHADES = "cividis"
 LPLC2 = "#000000"

@@ -344,7 +344,7 @@ def _draw_line(
     """
     look = look | {"markersize": 3}
     if curve.doubts:
-        look |= {"color": style.FAINT, "lw": 0.7, "markersize": 2}
+        look |= style.DOUBTFUL
     column = curve.rows[parameter]
     if places:
         look["linestyle"] = "none"

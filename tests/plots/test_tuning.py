@@ -18,7 +18,7 @@ from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.plots.polar import DirectionTuning, direction_tunings
 from oppload_cli.plots.rmo import plot_rmo
-from oppload_cli.plots.style import CYCLE, FAINT, MARKERS, MOST_HEIGHT, looks_of
+from oppload_cli.plots.style import CYCLE, FAINT, GREY, MARKERS, MOST_HEIGHT, looks_of
 from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.plots.tuning_curves import Request, described
 from oppload_cli.reference import bar_tuning, lplc2_peaks
@@ -277,6 +277,15 @@ def test_a_line_that_means_little_is_thin_and_grey(tmp_path: Path) -> None:
     opplod, dlgmd = plot_tuning(tuning)[1][0].lines
     assert opplod.get_color() == detector_named("opplod").colour
     assert (dlgmd.get_color(), dlgmd.get_linewidth()) == (FAINT, 0.7)
+
+
+def test_a_polar_curve_that_means_little_is_thin_and_grey(tmp_path: Path) -> None:
+    peaks = {"opplod": [1.0, 4, 1, 4], "dlgmd": [1.0, 4, 1, 4]}
+    doubts = [{"model": "dlgmd", "note": "below it"}]
+    tuning = made(tmp_path, AXES, peaks, symmetric=True, doubts=doubts)
+    opplod, dlgmd = plot_tuning(tuning, lplc2="none")[1][0].lines[:2]
+    assert opplod.get_color() == detector_named("opplod").colour
+    assert (dlgmd.get_color(), dlgmd.get_linewidth()) == (GREY, 0.7)
 
 
 def test_several_lines_that_mean_little_are_told_apart(tmp_path: Path) -> None:
