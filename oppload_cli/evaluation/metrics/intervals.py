@@ -87,7 +87,10 @@ def estimate(statistic: Callable[[Weights], float], draws: Weights) -> tuple[flo
 
 
 def share_interval(share: float, count: int, low: float, high: float) -> tuple[float, float]:
-    """Widen the bootstrap's interval of a share if all outcomes or all draws agree.
+    """Widen the bootstrap's interval of a share of outcomes to the exact one.
+
+    With few outcomes the bootstrap's holds the true share too seldom: with 12 outcomes and a share
+    of 0.7 in 88 % of all cases.
 
     Parameters
     ----------
@@ -101,24 +104,21 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
     Returns
     -------
     tuple of float
-        At least the interval of Clopper and Pearson (1934, Biometrika 26:404) for a share of 0 or
-        1, and if the bootstrap has none, as for a single clip; else `low` and `high`. NaN for a
-        share of NaN.
+        At least the interval of Clopper and Pearson (1934, Biometrika 26:404) if the outcomes are
+        0 and 1, or if the bootstrap has no interval, as for a single clip; else `low` and `high`.
+        NaN for a share of NaN.
     """
-    tail = (100 - LEVEL) / 200
-    if share in {0.0, 1.0}:
-        bound = tail ** (1 / count)
-        # `fmin` and `fmax` ignore the NaN of a bootstrap without an interval.
-        if share:
-            return float(np.fmin(low, bound)), 1.0
-        return 0.0, float(np.fmax(high, 1 - bound))
-    if not math.isnan(low) or math.isnan(share):
+    if math.isnan(share):
         return low, high
     # An outcome that is a share itself counts as 0 for the lower bound and as 1 for the upper one.
     least, most = math.floor(share * count + 1e-9), math.ceil(share * count - 1e-9)
+    if least < most and not math.isnan(low):
+        return low, high
+    tail = (100 - LEVEL) / 200
     lower = _reaching(partial(_at_least, least, count), tail) if least else 0.0
     upper = _reaching(partial(_at_least, most + 1, count), 1 - tail) if most < count else 1.0
-    return lower, upper
+    # `fmin` and `fmax` ignore the NaN of a bootstrap without an interval.
+    return float(np.fmin(low, lower)), float(np.fmax(high, upper))
 
 
 def _at_least(least: int, count: int, chance: float) -> float:
@@ -203,7 +203,7 @@ def precision_interval(precision: float, approaches: int, others: int) -> tuple[
 
 
 def rate_interval(events: float, minutes: float, low: float, high: float) -> tuple[float, float]:
-    """Widen the bootstrap's interval of a rate if no event was seen or all draws agree.
+    """Widen the bootstrap's interval of a rate to that of a Poisson process.
 
     Parameters
     ----------
@@ -217,18 +217,17 @@ def rate_interval(events: float, minutes: float, low: float, high: float) -> tup
     Returns
     -------
     tuple of float
-        Without an event from 0 to at least 3 / `minutes` (the rule of three). With events, but
-        without an interval of the bootstrap, the exact interval of a Poisson process (Garwood 1936,
-        Biometrika 28:437); else `low` and `high`.
+        Without an event from 0 to at least 3 / `minutes` (the rule of three). With events at least
+        the exact interval of a Poisson process (Garwood 1936, Biometrika 28:437).
     """
-    if minutes and not events:
-        return 0.0, float(np.fmax(high, RULE_OF_THREE / minutes))
-    if not minutes or not math.isnan(low):
+    if not minutes:
         return low, high
+    if not events:
+        return 0.0, float(np.fmax(high, RULE_OF_THREE / minutes))
     tail = (100 - LEVEL) / 200
     least = _reaching(lambda mean: 1 - _poisson(int(events) - 1, mean), tail)
     most = _reaching(lambda mean: 1 - _poisson(int(events), mean), 1 - tail)
-    return least / minutes, most / minutes
+    return float(np.fmin(low, least / minutes)), float(np.fmax(high, most / minutes))
 
 
 def _poisson(most: int, mean: float) -> float:
