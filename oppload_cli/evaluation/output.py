@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.environment import environment
 from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, HELD_OUT, RATES, SHIPPED, SILENCE_S
 from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S, Clip, Window
-from oppload_cli.evaluation.metrics.intervals import LEVEL, RULE_OF_THREE, SEED, Measurement
+from oppload_cli.evaluation.metrics.intervals import (
+    LEVEL,
+    RULE_OF_THREE,
+    SEED,
+    Measurement,
+    split_of,
+)
 from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
 from oppload_cli.evaluation.page import NO_VALUE, number, page_of
 from oppload_cli.evaluation.plots import PLOTS, figure_of
@@ -256,6 +263,7 @@ def report_of(evaluation: Evaluation) -> dict[str, Any]:
         },
         "contenders": {each.name: each.as_dict() for each in evaluation.detectors},
         "figures": [_row(each) for each in evaluation.measurements],
+        "splits": list(_splits(evaluation)),
         "clips": list(_clips(evaluation)),
     }
 
@@ -290,6 +298,18 @@ def _clips(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
             "height": clip.height,
             "outcomes": outcomes,
         }
+
+
+def _splits(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
+    """Yield for each pair of detectors how they differ in the approaches that they detect."""
+    for condition in (f"{HELD_OUT} {AT_ONE}", SHIPPED):
+        detected = {
+            name: each.decisions[condition].outcomes.detected
+            for name, each in evaluation.performances.items()
+        }
+        for one, other in combinations(detected, 2):
+            split = split_of(detected[one], detected[other])
+            yield {"condition": condition, "contenders": [one, other], **split._asdict()}
 
 
 def _integer(value: float, kind: type[int]) -> int | None:

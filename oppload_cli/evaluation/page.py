@@ -84,6 +84,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         allowed=int(minutes),
         quiet=f"{number(minutes)} minutes" if minutes >= 1.5 else f"{number(60 * minutes)} s",
         figures=_by_measure(report["figures"]),
+        splits=_splits(report["splits"]),
         measured=list(dict.fromkeys(figure["contender"] for figure in report["figures"])),
         parameters=_parameters,
         conditions=CONDITIONS,
@@ -155,6 +156,23 @@ def _by_measure(figures: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dic
     for figure in figures:
         of_condition = table[figure["measure"]].setdefault(figure["condition"], {})
         of_condition[figure["contender"]] = figure
+    return table
+
+
+def _splits(
+    splits: Sequence[Mapping[str, Any]],
+) -> dict[str, dict[tuple[str, str], tuple[int, float]]]:
+    """Return by rule, and by detector and other detector, the approaches that only it detects.
+
+    A pair without any such approach is left out; the second value is the p of the pair.
+    """
+    table: dict[str, dict[tuple[str, str], tuple[int, float]]] = {}
+    for split in splits:
+        one, other = split["contenders"]
+        of_rule = table.setdefault(split["condition"], {})
+        if split["only_first"] or split["only_second"]:
+            of_rule[one, other] = split["only_first"], split["p"]
+            of_rule[other, one] = split["only_second"], split["p"]
     return table
 
 

@@ -130,6 +130,47 @@ def luminance_of(colour: str) -> float:
     return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
+def test_the_page_compares_each_pair_of_detectors() -> None:
+    """ "first" detects six approaches that "second" misses, and misses one that it detects."""
+    late, none = {85: 9.0}, dict[int, float]()
+    peaks_of = {"first": [late] * 6 + [none], "second": [none] * 6 + [late]}
+    clips = [
+        replace(clip([0.0] * 100, 80, 90), outputs={
+            name: clip(peaks(100, of_clips[at]), 80, 90).outputs[NAME]
+            for name, of_clips in peaks_of.items()
+        })
+        for at in range(7)
+    ]  # fmt: skip
+    quiet = clip([0.0] * 603)
+    clips.append(replace(quiet, outputs=dict.fromkeys(peaks_of, quiet.outputs[NAME])))
+    draws = draws_of([each.label.looming for each in clips], 100)
+    entries = [Entry(at, Path(f"{at}.avi"), each.label) for at, each in enumerate(clips, 2)]
+    evaluation = Evaluation(
+        Manifest(Path("clips.csv"), entries, [], 8),
+        [EvaluatedDetector(name, "", 240, REFERENCE, alarm_params()) for name in peaks_of],
+        entries,
+        clips,
+        {name: measured(clips, name, draws) for name in peaks_of},
+        [],
+        [],
+        100,
+    )
+    report = report_of(evaluation)
+    assert report["splits"][0] == {
+        "condition": "held out at 1 per minute", "contenders": ["first", "second"],
+        "only_first": 6, "only_second": 1, "p": pytest.approx(0.125),
+    }  # fmt: skip
+    page = page_of(evaluation, report, dict.fromkeys(PLOTS, b""))
+    section = page[page.index('<section id="splits">') : page.index('<section id="figures">')]
+    cells = re.findall(r"<td>(.*?)</td>", section)
+    six, one = (
+        f'<span class="value">{number}</span> <span class="spread">p 0.12</span>'
+        for number in (6, 1)
+    )
+    assert cells[:4] == ["", six, one, ""]
+    assert cells[4:] == ["", "\N{EN DASH}", "\N{EN DASH}", ""]  # no alarm of its own
+
+
 def test_all_words_of_the_page_can_be_read(evaluation: Evaluation) -> None:
     style = re.search("<style>(.*)</style>", page(evaluation), re.DOTALL)
     assert style

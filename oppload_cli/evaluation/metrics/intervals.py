@@ -121,6 +121,34 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
     return float(np.fmin(low, lower)), float(np.fmax(high, upper))
 
 
+class Split(NamedTuple):
+    """How two detectors differ in the approaches that they detect."""
+
+    only_first: int  # number of approaches that only the first detector detects
+    only_second: int
+    p: float  # the probability of a split at least as uneven if both detect equally well
+
+
+def split_of(first: Numbers, second: Numbers) -> Split:
+    """Compare two detectors on the same approaches, by the exact test of McNemar.
+
+    Parameters
+    ----------
+    first, second : ndarray of float, shape (approaches,)
+        Whether each detector detects each approach: 1 or 0, or NaN, which does not count.
+
+    Returns
+    -------
+    Split
+        Its p is two-sided: the binomial probability over the approaches that only one of the two
+        detects (McNemar 1947, Psychometrika 12:153); 1 without such approaches.
+    """
+    only_first, only_second = (int(np.nansum(each)) for each in (first > second, second > first))
+    count = only_first + only_second
+    p = min(1.0, 2 * _at_least(max(only_first, only_second), count, 0.5)) if count else 1.0
+    return Split(only_first, only_second, p)
+
+
 def _at_least(least: int, count: int, chance: float) -> float:
     """Return the probability of at least `least` events in `count` trials, each of a `chance`."""
     if chance == 1:

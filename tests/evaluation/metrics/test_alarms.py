@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import chdtri
+from scipy.stats import binomtest
 
 from oppload_cli.evaluation.metrics.alarms import Thresholds, shipped
 from oppload_cli.evaluation.metrics.intervals import (
@@ -12,6 +13,7 @@ from oppload_cli.evaluation.metrics.intervals import (
     interval,
     rate_interval,
     share_interval,
+    split_of,
 )
 from tests.evaluation.make import NAME, clip, peaks
 
@@ -288,6 +290,18 @@ def test_the_bootstrap_may_give_a_share_a_wider_interval() -> None:
     assert share_interval(1.0, 10, 0.4, 1.0) == (0.4, 1)
     assert share_interval(0.0, 10, 0.0, 0.6) == (0, 0.6)
     assert share_interval(np.nan, 0, 0.1, 0.2) == (0.1, 0.2)
+
+
+@pytest.mark.parametrize(("only_first", "only_second"), [(3, 0), (6, 1), (2, 9), (4, 4), (0, 0)])
+def test_detectors_are_compared_by_the_exact_test_of_mcnemar(
+    only_first: int, only_second: int
+) -> None:
+    both = [[1.0, 1.0], [0.0, 0.0], [np.nan, 1.0], [0.0, np.nan]]
+    found = np.array([*both, *[[1.0, 0.0]] * only_first, *[[0.0, 1.0]] * only_second])
+    p = binomtest(only_first, only_first + only_second).pvalue if only_first else None
+    split = split_of(found[:, 0], found[:, 1])
+    assert split[:2] == (only_first, only_second)
+    assert split.p == pytest.approx(1.0 if p is None else p)
 
 
 @pytest.mark.parametrize("events_seen", [1, 2, 5, 40])
