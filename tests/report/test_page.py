@@ -171,6 +171,20 @@ def test_the_index_names_the_colours_of_the_detectors_once(table: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(("left_out", "named"), [((), True), (("dlgmd",), False)])
+def test_an_alarm_in_the_index_names_its_detector_if_there_are_several(
+    left_out: tuple[str, ...], named: bool, tmp_path: Path
+) -> None:
+    rows = [
+        {key: cell for key, cell in row.items() if not key.startswith(left_out)}
+        for row in frame_rows()
+    ]
+    tables = [write_rows(tmp_path / f"{name}.frames.csv", rows) for name in "ab"]
+    index = write_report(tables, tmp_path).first.read_text()
+    chips = re.findall(r'class="chips"><a [^>]*>([^<]*)</a>', index)
+    assert chips == ["OppLoD 1.35 s" if named else "1.35 s"] * 2
+
+
 def test_the_index_is_in_the_order_of_alarms_and_peaks(tmp_path: Path) -> None:
     tables = []
     for name, response, alarm in (("a", 0.9, 0), ("b", 0.5, 1), ("c", 0.7, 1)):
