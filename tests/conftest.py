@@ -10,6 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import pytest
+
+# OpenBLAS starts its threads while NumPy is loaded; they would take up to half of the time, waiting
+# for each other in a loop. Commands that tests start are not told.
+with pytest.MonkeyPatch.context() as _patch:
+    _patch.setenv("OPENBLAS_NUM_THREADS", "1")
+    import cv2
+
 from hypothesis import settings
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -32,16 +39,23 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 settings.register_profile("same", derandomize=True, database=None, deadline=None)
 settings.load_profile("same")
 
+# For small frames one thread takes less time than several; tests of threads set their number.
+cv2.setNumThreads(1)
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Read the tests without the garbage collector, which would take two fifths of the time."""
+    """Read the tests without the garbage collector, which would take two fifths of the time.
+
+    Afterwards it leaves alone what has been read, which it would search again during every test.
+    """
     gc.disable()
     try:
         return (yield)
     finally:
+        gc.freeze()
         gc.enable()
 
 
