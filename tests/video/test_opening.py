@@ -43,14 +43,12 @@ pytestmark = [
 
 
 @pytest.fixture(autouse=True)
-def _possible(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _possible(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the process of the tests fork another one, although it has threads."""
     monkeypatch.setattr(opening, "_can_fork", lambda: True)
     monkeypatch.setattr(opening, "cores", lambda: 2)
     gc.collect()
     gc.freeze()  # decoders of other tests, freed in the fork, would wait for their threads
-    yield
-    gc.unfreeze()
 
 
 def begun(
