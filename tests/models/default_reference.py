@@ -281,6 +281,10 @@ def outward(cells: dict[int, Array]) -> Array:
 # ---- 9. and 10. Passing objects, persistence and adaptation -----------------------------------
 
 
+def sum_of_squares(values: Array) -> float:
+    return float(np.vdot(values, values))
+
+
 def without_passing(opponency: Array, half: Size, t: int) -> None:
     """Set R, in all cells with a history, to 0 about winning units where an object passes."""
     if opponency[0].max() <= LEVEL:
@@ -296,12 +300,12 @@ def without_passing(opponency: Array, half: Size, t: int) -> None:
     least, most = DISPLACED
     now = np.pad(half.p[t], most)
     errors = [
-        np.sum((before - now[y : y + before.shape[0], x : x + before.shape[1]]) ** 2)
+        sum_of_squares(before - now[y : y + before.shape[0], x : x + before.shape[1]])
         for y in range(parts[0].start, parts[0].start + 2 * most + 1)
         for x in range(parts[1].start, parts[1].start + 2 * most + 1)
         if np.hypot(y - parts[0].start - most, x - parts[1].start - most) >= least
     ]
-    if min(errors) < PASSING * np.sum(before**2):
+    if min(errors) < PASSING * sum_of_squares(before):
         near = [np.abs(each - at) <= FIELD / 2 for each, at in zip(centres, middle, strict=True)]
         opponency[0][np.ix_(*near)] = 0
         without_passing(opponency, half, t)

@@ -319,7 +319,7 @@ def test_a_shorter_interval_sees_faster_motion_as_1_30_s_sees_slower_motion(pres
     """The same frames at 3.3 times the rate, over 0.01 s; without adaptation, as it has seconds."""
     display = {"display.frame_rate": 150, "display.width": 120, "display.height": 120}
     slow = load("klapoetke2017/loom-l-over-v/l-over-v-40", display)
-    shown = np.stack([each.grey for each in frames(slow)])[150:]  # the second before contact
+    shown = np.stack([each.grey for each in frames(slow)])[225:]  # half a second before contact
     slower, faster = (
         run(
             shown,
@@ -429,7 +429,7 @@ def test_the_slow_suppression_begins_alike_at_any_rate(rate: int) -> None:
 def test_the_adaptation_begins_alike_at_any_rate() -> None:
     """A disk that grows from the first frame on has its peak where the adaptation begins."""
     peaks = {}
-    for rate in (25, 30, 50, 120):
+    for rate in (25, 30, 120):
         bank = DetectorBank((240, 240), [DEFAULT])
         answers = {}
         for t in range(rate):
