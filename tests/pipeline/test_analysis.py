@@ -686,5 +686,5 @@ def test_a_pause_of_any_length_at_the_start_changes_nothing(rate: int, params: P
 
     without = responses(0)
     assert max(without) > 0
-    for pause in range(1, round(0.25 * rate)):
+    for pause in (each for each in (1, 2, 3, 5, 8, 14) if each < 0.25 * rate):
         assert responses(pause) == pytest.approx(without, abs=1e-6 * max(without)), pause
