@@ -192,6 +192,7 @@ def test_one_figure_beside_each_result(tmp_path: Path) -> None:
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in made)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_each_figure_has_the_label_of_its_result(tmp_path: Path) -> None:
     paths = [write_result(tmp_path / f"{name}.frames.csv") for name in "ab"]
     figures = []
@@ -293,6 +294,7 @@ def test_a_wrong_name_of_a_figure_or_model(tmp_path: Path) -> None:
     assert (done.returncode, "did you mean 'dlgmd'" in done.stderr) == (2, True)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_detectors_may_be_named_with_commas(tmp_path: Path) -> None:
     path = write_result(tmp_path / "a.frames.csv")
     figures = []
@@ -404,6 +406,7 @@ def test_an_option_without_effect_is_an_error(
     assert not list(tmp_path.glob("*.png"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_map_without_a_sidecar_says_so(tmp_path: Path) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     done = oppload("plot", table, "--kind", "map")
@@ -419,6 +422,7 @@ def test_a_map_without_a_sidecar_says_so(tmp_path: Path) -> None:
     assert "the map has no video (gone.avi: is not found; say where" in done.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_threshold_that_a_table_states_is_drawn(tmp_path: Path) -> None:
     """It is that of the run: what the table has no row for belongs to its background too."""
     stated = [{**row, "opplod_over_threshold": row["opplod_response"]} for row in frame_rows()]

@@ -178,6 +178,7 @@ def test_a_folder_says_what_it_leaves_out_unless_it_is_searched(tmp_path: Path) 
         assert "-r" in more or "1 input: 1 to run, 0 to skip" in done.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_details_show_why_an_alarm_did_or_did_not_come(tmp_path: Path) -> None:
     y, x = np.mgrid[:90, :120]
     away = np.hypot(x - 60, y - 45)
