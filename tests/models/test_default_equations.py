@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @cache
 def shaking() -> list[Luma]:
     """A disk that approaches before a texture; the camera shakes."""
-    ground = shaken(0.2 + 0.6 * texture(240, 240, 1), 24, 3, seed=2)
+    ground = shaken(0.2 + 0.6 * texture(240, 240, 1), 16, 3, seed=2)
     return looming_over([np.asarray(each, np.float32) for each in ground])
 
 
