@@ -15,7 +15,7 @@ import pytest
 # for each other in a loop. Commands that tests start are not told.
 with pytest.MonkeyPatch.context() as _patch:
     _patch.setenv("OPENBLAS_NUM_THREADS", "1")
-    import cv2
+    import cv2  # loads NumPy
 
 from hypothesis import settings
 from matplotlib.figure import Figure
