@@ -332,8 +332,8 @@ def in_digits(rate: float) -> str:
 def no_true_rate(name: str, reason: str) -> SourceError:
     """Return the error of an input whose rate no true rate can replace."""
     return SourceError(
-        f"{name}: {reason}, so that its times cannot be scaled to a true rate; leave out "
-        "--true-rate (in Python true_rate)"
+        f"{name}: {reason}, so that its times cannot be scaled to a true rate; leave the "
+        "true rate out"
     )
 
 
