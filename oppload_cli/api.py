@@ -7,6 +7,7 @@ import os.path
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from io import StringIO
+from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, cast
@@ -389,8 +390,9 @@ def tune(
         if not isinstance(value, Mapping | None):
             raise ParameterError(f"{name} must be a dict by parameter, not {value!r:.60}")
     indicator: object = indicator_s  # maybe of a wrong type
-    if not isinstance(indicator, int | float) or not 0 <= indicator <= 60:
+    if not isinstance(indicator, Real) or not 0 <= indicator_s <= 60:
         raise ParameterError(f"indicator_s must be 0 to 60 seconds, not {indicator!r:.60}")
+    indicator_s = float(indicator_s)  # the sidecar takes no numbers of NumPy
     swept = [
         name if values is None else f"{name}={_text(_listed(name, values))}"
         for name, values in (over or {}).items()

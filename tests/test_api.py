@@ -560,6 +560,17 @@ def test_a_tuning_has_the_files_of_the_command_line(
     assert (again.parameters, again.name) == (tuning.parameters, tuning.name)
 
 
+def test_tune_takes_numbers_of_numpy(tmp_path: Path) -> None:
+    over = {"disk.luminance": np.array([0, 0.4])}
+    given = {"models": ["dlgmd"], "height": 60}
+    number: Any = np.float32(0.5)
+    ours = oppload.tune("controls/looming-contrast", over, indicator_s=number, **given)
+    usual = oppload.tune("controls/looming-contrast", over, indicator_s=0.5, **given)
+    ours.save(tmp_path)
+    assert ours.sidecar == usual.sidecar
+    assert ours.rows.equals(usual.rows)
+
+
 def test_a_tuning_is_replaced_only_if_that_is_asked_for(tmp_path: Path) -> None:
     tuning = oppload.tune(figure="contrast", over={"disk.luminance": [0, 0.4]}, models=["dlgmd"])
     assert repr(tuning).startswith("Tuning('contrast.tuning.csv', 2 rows over disk.luminance: dlgm")
