@@ -389,6 +389,9 @@ def tune(
     for name, value in (("over", over), ("changes", changes)):
         if not isinstance(value, Mapping | None):
             raise ParameterError(f"{name} must be a dict by parameter, not {value!r:.60}")
+        for key in value or ():
+            if not isinstance(key, str):
+                raise ParameterError(f"{name}: a parameter is a word or a key, not {key!r:.60}")
     indicator: object = indicator_s  # maybe of a wrong type
     if not isinstance(indicator, Real) or not 0 <= indicator_s <= 60:
         raise ParameterError(f"indicator_s must be 0 to 60 seconds, not {indicator!r:.60}")
@@ -398,7 +401,7 @@ def tune(
         for name, values in (over or {}).items()
     ]
     wanted = _wanted(preset, models, height, settings) | {"usual": STUDY_PRESET}
-    of_figure = [] if figure is None else [figure]
+    of_figure = [] if figure is None else [str(figure)]
     (sweep,) = sweeps(
         None if stimulus is None else str(stimulus), of_figure, dict(changes or {}), swept, wanted
     )

@@ -571,6 +571,15 @@ def test_tune_takes_numbers_of_numpy(tmp_path: Path) -> None:
     assert ours.rows.equals(usual.rows)
 
 
+def test_tune_refuses_names_that_are_no_text() -> None:
+    wrong: Any = {1: 2}
+    with pytest.raises(ParameterError, match="changes: a parameter is a word or a key, not 1"):
+        oppload.tune("klapoetke2017/loom-l-over-v", changes=wrong)
+    figures: Any = ["peak-time"]
+    with pytest.raises(ParameterError, match="no such figure"):
+        oppload.tune(figure=figures)
+
+
 def test_a_tuning_is_replaced_only_if_that_is_asked_for(tmp_path: Path) -> None:
     tuning = oppload.tune(figure="contrast", over={"disk.luminance": [0, 0.4]}, models=["dlgmd"])
     assert repr(tuning).startswith("Tuning('contrast.tuning.csv', 2 rows over disk.luminance: dlgm")
