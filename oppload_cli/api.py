@@ -402,9 +402,11 @@ def tune(
     ]
     wanted = _wanted(preset, models, height, settings) | {"usual": STUDY_PRESET}
     of_figure = [] if figure is None else [str(figure)]
-    (sweep,) = sweeps(
-        None if stimulus is None else str(stimulus), of_figure, dict(changes or {}), swept, wanted
-    )
+    name_of = None if stimulus is None else str(stimulus)
+    try:
+        (sweep,) = sweeps(name_of, of_figure, dict(changes or {}), swept, wanted)
+    except ParameterError as error:  # it names an option of the command, as --over
+        raise ParameterError(str(error).removeprefix("--")) from error
     conditions = tuning.tune(sweep, indicator_s=indicator_s)
     doubts = list(tuning.doubts_about(conditions, sweep, indicator_s))
     sidecar = tuning.tuning_sidecar(sweep, command=(), indicator_s=indicator_s, doubts=doubts)
