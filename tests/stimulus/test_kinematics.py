@@ -236,6 +236,9 @@ def test_a_size_along_a_path() -> None:
     assert size(backwards, 0.4) == pytest.approx(size(protocol, 1.0))
     with pytest.raises(StimulusError, match="times_s of a path must begin after 0"):
         Growth(kind="path", sizes_deg=(20,), times_s=(0,))
+    for times_s in ((0.5, 0.5), (0.5, 0.4)):
+        with pytest.raises(StimulusError, match="times_s must rise from value to value"):
+            Growth(kind="steps", sizes_deg=(10, 20), times_s=times_s)
 
 
 def test_a_step_at_the_start_of_the_motion_comes_after_the_pause() -> None:
