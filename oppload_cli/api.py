@@ -401,10 +401,10 @@ def tune(
         for name, values in (over or {}).items()
     ]
     wanted = _wanted(preset, models, height, settings) | {"usual": STUDY_PRESET}
-    of_figure = [] if figure is None else [str(figure)]
-    name_of = None if stimulus is None else str(stimulus)
+    named = None if stimulus is None else str(stimulus)
+    figures = [] if figure is None else [str(figure)]
     try:
-        (sweep,) = sweeps(name_of, of_figure, dict(changes or {}), swept, wanted)
+        (sweep,) = sweeps(named, figures, dict(changes or {}), swept, wanted)
     except ParameterError as error:  # it names an option of the command, as --over
         raise ParameterError(str(error).removeprefix("--")) from error
     conditions = tuning.tune(sweep, indicator_s=indicator_s)

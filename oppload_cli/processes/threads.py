@@ -72,7 +72,8 @@ class Prefetch(Generic[Item]):
         on_drop: Callable[[], object] | None = None,
     ) -> None:
         self._items, self._ahead, self._on_drop = items, ahead, on_drop
-        self._may_wait, self._dropped = ahead, False  # whether an item was dropped since the latest
+        self._may_wait = ahead  # number of items, while the caller is fast enough
+        self._dropped = False  # whether an item was dropped since the caller took the latest
         self._made: queue.SimpleQueue[Item | _End] = queue.SimpleQueue()
         self._free_places: queue.SimpleQueue[None] = queue.SimpleQueue()
         for _ in range(ahead):
