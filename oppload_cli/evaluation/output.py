@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.environment import environment
 from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, HELD_OUT, RATES, SHIPPED, SILENCE_S
-from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S, Clip, Window
+from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S, Clip, Window, videos_of
 from oppload_cli.evaluation.metrics.intervals import (
     LEVEL,
     RULE_OF_THREE,
@@ -302,13 +302,14 @@ def _clips(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
 
 def _splits(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     """Yield for each pair of detectors how they differ in the approaches that they detect."""
+    videos = videos_of(evaluation.clips)
     for condition in (f"{HELD_OUT} {AT_ONE}", SHIPPED):
         detected = {
             name: each.decisions[condition].outcomes.detected
             for name, each in evaluation.performances.items()
         }
         for one, other in combinations(detected, 2):
-            split = split_of(detected[one], detected[other])
+            split = split_of(detected[one], detected[other], videos)
             yield {"condition": condition, "contenders": [one, other], **split._asdict()}
 
 

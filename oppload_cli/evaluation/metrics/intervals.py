@@ -129,24 +129,33 @@ class Split(NamedTuple):
     p: float  # the probability of a split at least as uneven if both detect equally well
 
 
-def split_of(first: Numbers, second: Numbers) -> Split:
-    """Compare two detectors on the same approaches, by the exact test of McNemar.
+def split_of(first: Numbers, second: Numbers, videos: NDArray[np.int64]) -> Split:
+    """Compare two detectors on the same approaches, by an exact permutation test over videos.
 
     Parameters
     ----------
     first, second : ndarray of float, shape (approaches,)
         Whether each detector detects each approach: 1 or 0, or NaN, which does not count.
+    videos : ndarray of int, shape (approaches,)
+        The number of each approach's video.
 
     Returns
     -------
     Split
-        Its p is two-sided: the binomial probability over the approaches that only one of the two
-        detects (McNemar 1947, Psychometrika 12:153); 1 without such approaches.
+        Its p is two-sided: the share of all exchanges of the two detectors in some of the videos
+        that give a difference at least as large. If each video has one approach, the test is the
+        exact test of McNemar (1947, Psychometrika 12:153).
     """
-    only_first, only_second = (int(np.nansum(each)) for each in (first > second, second > first))
-    count = only_first + only_second
-    p = min(1.0, 2 * _at_least(max(only_first, only_second), count, 0.5)) if count else 1.0
-    return Split(only_first, only_second, p)
+    differences = np.nan_to_num(first - second)
+    _, which = np.unique(videos, return_inverse=True)
+    shares = np.ones(1)  # of the exchanges that give each total from -reach to reach
+    for difference in np.abs(np.bincount(which, differences)).astype(int):
+        nothing = np.zeros(2 * difference)
+        shares = (np.append(shares, nothing) + np.append(nothing, shares)) / 2
+    reach = len(shares) // 2
+    least = abs(int(differences.sum()))
+    p = math.fsum(shares[np.abs(np.arange(-reach, reach + 1)) >= least])
+    return Split(int((differences > 0).sum()), int((differences < 0).sum()), min(1.0, p))
 
 
 def _at_least(least: int, count: int, chance: float) -> float:

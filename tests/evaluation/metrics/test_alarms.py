@@ -299,9 +299,19 @@ def test_detectors_are_compared_by_the_exact_test_of_mcnemar(
     both = [[1.0, 1.0], [0.0, 0.0], [np.nan, 1.0], [0.0, np.nan]]
     found = np.array([*both, *[[1.0, 0.0]] * only_first, *[[0.0, 1.0]] * only_second])
     p = binomtest(only_first, only_first + only_second).pvalue if only_first else None
-    split = split_of(found[:, 0], found[:, 1])
+    split = split_of(found[:, 0], found[:, 1], np.arange(len(found)))
     assert split[:2] == (only_first, only_second)
     assert split.p == pytest.approx(1.0 if p is None else p)
+
+
+def test_approaches_of_one_video_are_no_independent_evidence() -> None:
+    """Two videos with 3 and 2 approaches that only the first detects: in one of four exchanges
+    each, the difference is 5 and -5. A third video has one of each kind, and decides nothing."""
+    first = np.array([1.0, 1, 1, 1, 1, 1, 0])
+    videos = np.array([7, 7, 7, 4, 4, 2, 2])
+    assert split_of(first, 1 - first, videos) == (6, 1, 0.5)
+    videos = np.array([1, 1, 1, 1, 1, 2, 3])  # differences of 5, 1 and -1
+    assert split_of(first, 1 - first, videos) == (6, 1, 0.75)
 
 
 @pytest.mark.parametrize("events_seen", [1, 2, 5, 40])
