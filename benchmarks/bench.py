@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import shutil
 import statistics
 import subprocess
@@ -78,7 +77,7 @@ def _scene(width: int, height: int, frames: int) -> Iterator[NDArray[np.uint8]]:
         yield image
 
 
-def _h264(width: int, height: int, frames: int) -> Path:
+def h264(width: int, height: int, frames: int) -> Path:
     """Return an H.264 file of the scene; make it if it does not exist."""
     path = RESULTS / f"scene-{width}x{height}-{frames}.mp4"
     if path.exists():
@@ -193,7 +192,7 @@ def _runs(rounds: int) -> Iterator[_Measurement]:
     """Measure complete runs against bare decoding and against PySceneDetect."""
     for width, height, must, aim in ((1920, 1080, "1.6", "1.15"), (1280, 720, "2.2", "1.3")):
         for frames in LENGTHS:
-            path = _h264(width, height, frames)
+            path = h264(width, height, frames)
             ours = partial(references.run, _run_command(path))
             yield _ratio(
                 f"oppload run, {height}p H.264, {frames} frames, time divided by bare decoding",
@@ -273,7 +272,7 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
         yield _measurement(
             f"stage: {name}", "", "", costs, "ms/frame", seconds=statistics.median(times)
         )
-    path = _h264(1280, 720, LENGTHS[0])
+    path = h264(1280, 720, LENGTHS[0])
 
     def read() -> None:
         with open_video(path) as video:
@@ -288,20 +287,14 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
 
 def _options(rounds: int, videos: Sequence[Path] = ()) -> Iterator[_Measurement]:
     """Measure the processor time of complete runs, and the share of it that options save."""
-    for path in videos or [_h264(1280, 720, LENGTHS[0])]:
+    for path in videos or [h264(1280, 720, LENGTHS[0])]:
         costs: dict[str, list[float]] = {name: [] for name in SAVING}
         begun = time.perf_counter()
         for _ in range(rounds):
             for name, words in SAVING.items():
                 with tempfile.TemporaryDirectory() as folder:
-                    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-                    references.run([COMMAND, "run", str(path), "-o", folder, "-q", *words.split()])
-                    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-                user_s, system_s = (
-                    after.ru_utime - before.ru_utime,
-                    after.ru_stime - before.ru_stime,
-                )
-                costs[name].append(user_s + system_s)
+                    command = [COMMAND, "run", str(path), "-o", folder, "-q", *words.split()]
+                    costs[name].append(references.processor_s(command))
         usual = costs.pop("defaults")
         seconds = time.perf_counter() - begun
         each_ms = [1e3 * cost / decoding.decode(path) for cost in usual]
@@ -316,7 +309,7 @@ def _jobs(rounds: int) -> Iterator[_Measurement]:
     """Measure many short clips in two processes against one."""
     with tempfile.TemporaryDirectory() as folder:
         for number in range(200):
-            shutil.copy(_h264(320, 240, 30), Path(folder) / f"{number}.mp4")
+            shutil.copy(h264(320, 240, 30), Path(folder) / f"{number}.mp4")
         command = [*_run_command(Path(folder)), "--jobs"]
         yield _ratio(
             "200 clips of 30 frames, --jobs 2 against --jobs 1", "", "",
@@ -340,7 +333,7 @@ def _start(rounds: int) -> Iterator[_Measurement]:
 def _memory(_rounds: int) -> Iterator[_Measurement]:
     """Measure the peak memory of complete runs."""
     for frames in (150, LENGTHS[0]):
-        peak = _peak_mb(_run_command(_h264(1920, 1080, frames)))
+        peak = _peak_mb(_run_command(h264(1920, 1080, frames)))
         yield _measurement(f"peak memory, 1080p, {frames} frames", "<= 250", "150", [peak], "MB")
 
 

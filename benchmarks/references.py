@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import shutil
 import subprocess
 import sys
@@ -89,3 +90,11 @@ def scenedetect_command(path: Path) -> list[str] | None:
 def run(command: list[str]) -> None:
     """Run a command to its end, and discard its output."""
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def processor_s(command: list[str]) -> float:
+    """Run a command to its end; return its processor time and that of its processes, in seconds."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    run(command)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
