@@ -12,6 +12,7 @@ import pandas as pd
 from oppload_cli.errors import ResultError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.files.tables import rows_in, separator_hint
+from oppload_cli.results.table import DETECTIONS, SIDECAR, TABLE
 from oppload_cli.video.inputs import is_video
 
 if TYPE_CHECKING:
@@ -50,37 +51,54 @@ def read_table(
     ResultError
         If the file cannot be read, is not a CSV table, or has no row.
     """
-    if is_video(path.name) and is_there(path):
-        raise ResultError(f"{path}: is a video, not a result; run it first with 'oppload run'")
     if is_folder(path):
         raise ResultError(f"{path}: is a folder; {advice}")
+    check, video_advice = "check the path", "run it first with 'oppload run'"
+    if beside := _result_beside(path):
+        check = video_advice = advice = f"did you mean '{beside}'?"
+    if is_video(path.name) and is_there(path):
+        raise ResultError(f"{path}: is a video, not a result; {video_advice}")
     if path.suffix in _NO_TABLES and is_there(path):
         raise ResultError(f"{path}: is not a CSV table; {advice}")
-    with reading(path, ResultError, form="text in UTF-8", repair=advice):
-        source: Path | StringIO = path
-        if is_file(path):
-            rows = rows_in(path)  # without a last row that was cut
-        else:  # a pipe, which can be read only once
-            source, rows = StringIO(text_of(path, pipes=True)), None
-        try:
-            # Only empty cells count as missing. The word "nan" is an error in a result.
-            table = pd.read_csv(
-                source, keep_default_na=False, na_values=[""], usecols=wanted, nrows=rows
-            )
-        except UnicodeDecodeError:
-            raise
-        except ValueError as error:  # all errors of pandas' parser are ValueErrors
-            reason = reason_of(error)
-            if "out of memory" in reason:  # the parser raises no MemoryError
-                raise MemoryError(reason) from error
-            uneven = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
-            if uneven:
-                cells, line, found = uneven.groups()
-                reason = f"line {line} has {found} cells, not {cells}"
-            raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
+    with reading(path, ResultError, form="text in UTF-8", check=check, repair=advice):
+        table = _parsed(path, advice, wanted)
     if table.empty and len(table.columns):  # without columns, the caller names a missing column
         raise ResultError(f"{path}: holds no row; run the input again")
     return table
+
+
+def _parsed(path: Path, advice: str, wanted: Callable[[str], bool] | None) -> pd.DataFrame:
+    source: Path | StringIO = path
+    if is_file(path):
+        rows = rows_in(path)  # without a last row that was cut
+    else:  # a pipe, which can be read only once
+        source, rows = StringIO(text_of(path, pipes=True)), None
+    try:
+        # Only empty cells count as missing. The word "nan" is an error in a result.
+        return pd.read_csv(
+            source, keep_default_na=False, na_values=[""], usecols=wanted, nrows=rows
+        )
+    except UnicodeDecodeError:
+        raise
+    except ValueError as error:  # all errors of pandas' parser are ValueErrors
+        reason = reason_of(error)
+        if "out of memory" in reason:  # the parser raises no MemoryError
+            raise MemoryError(reason) from error
+        uneven = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+        if uneven:
+            cells, line, found = uneven.groups()
+            reason = f"line {line} has {found} cells, not {cells}"
+        raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
+
+
+def _result_beside(path: Path) -> Path | None:
+    """Return the table of the result of which a path is the input, another file, or half a name."""
+    stem = path.name.removesuffix(SIDECAR).removesuffix(DETECTIONS)
+    for name in (path.name, stem, path.stem):
+        table = path.with_name(name + TABLE)
+        if table != path and is_file(table):
+            return table
+    return None
 
 
 def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None:

@@ -216,6 +216,17 @@ def test_a_file_beside_a_table_is_no_table(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("name", ["a", "a.csv", "a.mp4", "a.oppload.json", "a.detections.jsonl"])
+def test_a_message_names_the_table_of_another_file_of_a_result(tmp_path: Path, name: str) -> None:
+    table = write_result(tmp_path / "a.frames.csv")
+    given = tmp_path / name
+    if given.suffix in {".mp4", ".json", ".jsonl"} and not given.exists():
+        given.touch()
+    done = oppload("plot", given)
+    assert done.returncode == 2
+    assert done.stderr.endswith(f"; did you mean '{table}'?\n")
+
+
 def test_a_message_names_the_characters_that_no_font_has(tmp_path: Path) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     done = oppload("plot", table, "-o", tmp_path / "a.svg", "--title", "disk \U00012000")
