@@ -72,7 +72,6 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
 @click.argument(
     "names",
     nargs=-1,
-    required=True,
     metavar="NAME|FILE|GLOB...",
     shell_complete=options.complete_stimuli,
 )
@@ -108,6 +107,10 @@ def generate(
     part of a name is enough, or any part that no other name has. FILE is a .toml of your own, GLOB
     a pattern such as 'klapoetke2017/*'. The command prints the paths of the videos.
     """
+    if not names:
+        raise click.UsageError(
+            "Missing argument 'NAME|FILE|GLOB...'; 'oppload stimuli list' has the names"
+        )
     from oppload_cli.stimulus.files import not_made_yet, stimuli_named, write_all
 
     protocols, problems = stimuli_named(names, parsed_settings(changes), form)

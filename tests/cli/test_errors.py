@@ -72,6 +72,7 @@ WRONG = [
     (["run", "-", "-o", "-"], 3, "-: give /dev/stdin to read from standard input"),
     (["plot", "binary.csv"], 2, "is not valid text in UTF-8 (byte 2 cannot be read as text)"),
     (["run"], 2, "Missing argument 'INPUT...'"),
+    (["stimuli", "generate"], 2, "GLOB...'; 'oppload stimuli list' has the names"),
     (
         ["run", "CLIP", "--load", "a.py"],
         2,
