@@ -385,7 +385,7 @@ def pass_params(
     repeats: RepeatParams | Repeats | None = None,
 ) -> PassParams:
     """Return the parameters of a pass; the arguments and the error are those of :func:`analyse`."""
-    _check_kind("params", params, list | tuple, "a list, such as ['opplod']")
+    _check_kind("params", params, list | tuple, f"a list, such as {[default_names()[0]]}")
     _check_kind("alarm", alarm, AlarmParams, "oppload_cli.alarm_params()")
     _check_kind("places", places, PlaceParams | bool, "True, False or oppload_cli.PlaceParams()")
     time_example = "oppload_cli.models.timebase.TimeParams(interval='frame')"
