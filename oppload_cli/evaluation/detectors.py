@@ -147,7 +147,9 @@ def _full_names(names: Iterable[str], usual: str = DEFAULT_PRESET) -> list[str]:
         if head in others and preset in PRESETS:
             raise ParameterError(f"model '{name}': no preset changes {head}; leave out ':{preset}'")
         if name not in known:
-            raise ParameterError(f"no model '{name}'{suggestion(name, known)}")
+            # A name that was given without a preset gets a suggestion without one.
+            like = known if preset else [*with_presets, *others]
+            raise ParameterError(f"no model '{name}'{suggestion(name, like)}")
     return list(dict.fromkeys(full))
 
 

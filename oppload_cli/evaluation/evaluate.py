@@ -72,18 +72,23 @@ def evaluate(
     """
     faults = list(manifest.faults)
     entries, clips = [], []
+    rows: dict[str, list[int]] = {}  # by the fault of their clips
     analysed = analyse_clips(manifest.entries, detectors, jobs=jobs, progress=progress)
     for entry, result in zip(manifest.entries, analysed, strict=True):
-        faults += [f"{manifest.path}: row {entry.row}: {fault}" for fault in result.faults]
+        for fault in result.faults:
+            faults.append(f"{manifest.path}: row {entry.row}: {fault}")
+            rows.setdefault(fault, []).append(entry.row)
         if result.clip is not None:
             entries.append(entry)
             clips.append(result.clip)
     if not clips:
         # The faults of the manifest are known already; those of the clips have no other place.
-        shown = faults[len(manifest.faults) :] or faults
-        reasons = [each.removeprefix(f"{manifest.path}: ") for each in shown[:_MOST_REASONS]]
+        # A fault of many clips, such as a background that is missing, is named once.
+        shown = [f"row {first}{_others(more)}: {fault}" for fault, (first, *more) in rows.items()]
+        shown = shown or [each.removeprefix(f"{manifest.path}: ") for each in faults]
+        reasons = shown[:_MOST_REASONS]
         if len(shown) > _MOST_REASONS:
-            reasons.append(f"and {len(shown) - _MOST_REASONS} more rows")
+            reasons.append(f"and {len(shown) - _MOST_REASONS} more faults")
         reasons = reasons or ["add a row for each clip"]
         raise SourceError("; ".join([f"{manifest.path}: names no clip that can be used", *reasons]))
     looming = [clip.label.looming for clip in clips]
@@ -94,6 +99,10 @@ def evaluate(
     return Evaluation(
         manifest, list(detectors), entries, clips, performances, measurements, faults, draws
     )
+
+
+def _others(rows: Sequence[int]) -> str:
+    return f" and {counted(len(rows), 'other row')}" if rows else ""
 
 
 class _Analysed(NamedTuple):

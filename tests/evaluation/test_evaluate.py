@@ -305,6 +305,7 @@ def test_wrong_use(evaluated: Path, labelled: Path, tmp_path: Path) -> None:
     for code, reason, arguments in (
         (2, "cannot be read", (tmp_path / "no.csv",)),
         (2, "did you mean 'opplod:reference'", (manifest, "--model", "opplod:refrence")),
+        (2, "did you mean 'opplod'?", (manifest, "--model", "opplood")),
         (2, "no preset changes dlgmd; leave out ':paper'", (manifest, "--model", "dlgmd:paper")),
         (2, "check --boxes", (manifest, "--boxes", tmp_path / "no.json")),
     ):

@@ -412,7 +412,9 @@ def test_what_cannot_be_drawn_is_a_fault(tmp_path: Path) -> None:
     wanted = [HIT, MISS, "--change=scene.background=gone.mp4", "--draws", "100", "-j", "1"]
     done = oppload("evaluate", *wanted, "-o", tmp_path)
     assert done.returncode == 3
-    assert "scene: background = 'gone.mp4'" in done.stderr
+    # The fault of both stimuli is named once.
+    assert "row 1 and 1 other row: scene: background = 'gone.mp4'" in done.stderr
+    assert done.stderr.count("gone.mp4") == 1
 
 
 @pytest.mark.parametrize(
