@@ -73,8 +73,9 @@ def gallery_page() -> str:
     parts = [
         "# Gallery of stimuli\n",
         f"The catalogue holds {total} stimuli in {len(entries)} protocols. Each picture shows "
-        "evenly spaced frames of a stimulus, from the first to the last. [Stimuli](stimuli.md) "
-        "describes how to use them.\n",
+        "evenly spaced frames of a stimulus, from the first to the last; `oppload stimuli generate "
+        "NAME --preview` makes such a picture beside the video. [Stimuli](stimuli.md) describes "
+        "how to use them.\n",
     ]
     for group, title in GROUPS.items():
         parts.append(f"## {title}\n")
