@@ -380,7 +380,9 @@ def _read(path: Path) -> dict[str, Any]:
     """Return the content of a file of settings, or the settings in the sidecar of a result."""
     if path.suffix.lower() == ".json":
         return _settings_of_sidecar(path)
-    with reading(path, ParameterError, form="TOML", check="check --config"):
+    other = "give a file of settings in TOML, or the sidecar of a result, NAME.oppload.json"
+    repair = "correct the file" if path.suffix.lower() == ".toml" else other
+    with reading(path, ParameterError, form="TOML", check="check --config", repair=repair):
         return tomllib.loads(text_of(path))
 
 

@@ -91,6 +91,13 @@ def test_the_message_names_a_wrong_file_and_its_mistake(
     assert str(path) in str(caught.value)
 
 
+def test_a_table_given_for_its_sidecar_gets_the_name_of_the_sidecar(tmp_path: Path) -> None:
+    table = tmp_path / "a.frames.csv"
+    table.write_text("frame,time_s\n0,0\n")
+    with pytest.raises(ParameterError, match=r"or the sidecar of a result, NAME\.oppload\.json$"):
+        resolve(config=table)
+
+
 def test_the_bounds_of_the_interval_are_allowed() -> None:
     for text in ("0.0001", "10"):
         assert resolve(assignments=[f"time.interval={text}"]).time.interval == text
