@@ -425,7 +425,8 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
         Its sidecar has the path of the input from the folder in which the run was started. The
         function looks for this path from the current folder and beside the result.
     moved : Path, optional
-        Where the input is now, or a folder that holds it, maybe in some of the folders of its path.
+        Where the input is now, or a folder that holds it, maybe in some of the folders of its
+        path. An input that the folder lacks is sought as without `moved`.
 
     Raises
     ------
@@ -447,7 +448,8 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
     candidates = [path, folder / path, folder / path.name]
     if moved:
         parts = [part for part in path.parts if part not in {path.anchor, ".."}]
-        candidates = [Path(moved, *parts[at:]) for at in range(len(parts) + 1)]
+        # Of many results the videos of some may still be where they were.
+        candidates = [*(Path(moved, *parts[at:]) for at in range(len(parts) + 1)), *candidates]
     for candidate in candidates:
         folder = candidate.parent if NUMBER.search(candidate.name) else candidate
         if is_file(candidate) or (kind == "images" and (is_folder(candidate) or is_folder(folder))):

@@ -83,10 +83,13 @@ def test_inputs_that_moved_are_found_in_the_folders_of_their_paths(tmp_path: Pat
         (new / name).parent.mkdir(parents=True, exist_ok=True)
         (new / name).touch()
     result = read_result(write_result(tmp_path / "clip.frames.csv"))
+    stayed = tmp_path / "stayed.avi"
+    stayed.touch()
     for kind, name, moved, found in (
         ("container", "../lab/s02/clip.avi", new, new / "s02" / "clip.avi"),
         ("container", "/lab/s01/clip.avi", new, new / "clip.avi"),
         ("container", "s02/clip.avi", new / "own.avi", new / "own.avi"),
+        ("container", str(stayed), new, stayed),
         ("images", "lab/s02/frames", new, new / "s02" / "frames"),
         ("images", "lab/s02/%d.png", new / "frames", new / "frames" / "%d.png"),
         ("images", "lab/s02", new / "frames", new / "frames"),
