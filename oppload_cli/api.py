@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pandas as pd
 
-from oppload_cli.errors import OutputError, ParameterError, counted
+from oppload_cli.errors import OutputError, ParameterError, StimulusError, counted
 from oppload_cli.files.atomic import part_of, write_atomic
 from oppload_cli.files.reading import is_file
 from oppload_cli.files.tables import Table
@@ -30,7 +30,7 @@ from oppload_cli.results.truths import facts_of_truth, usable_truth
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
 from oppload_cli.tuning import run as tuning
-from oppload_cli.tuning.sweeps import sweeps
+from oppload_cli.tuning.sweeps import EXAMPLES, sweeps
 from oppload_cli.video.inputs import GROUND_TRUTH, result_stem
 from oppload_cli.video.source import Video
 
@@ -50,6 +50,16 @@ _DETECTION_COLUMNS = (
     "frame", "time_s", "id", "x", "y", "width", "height", "centre_x", "centre_y", "response",
     "alarm", "time_to_contact_s", "time_to_contact_error_s",
 )  # fmt: skip
+# What messages on a sweep say of the options of the command, and what they say in Python.
+_ARGUMENTS = {
+    EXAMPLES: "[10, 20, 40], range(0, 360, 30) or [[0, 0], [10, 0]]",
+    "--over direction=0:315:45": "over={'direction': range(0, 360, 45)}",
+    "0:315:45": "range(0, 360, 45)",
+    "choose all, ": "choose ",
+    "--over": "over",
+    "--change": "changes",
+    "--figure": "figure",
+}
 # The types of the columns that are not floats. Pandas takes them from the rows, if there are any.
 _NOT_FLOATS: dict[str, type] = {"frame": int, "id": int, "alarm": bool}
 
@@ -405,8 +415,8 @@ def tune(
     figures = [] if figure is None else [str(figure)]
     try:
         (sweep,) = sweeps(named, figures, dict(changes or {}), swept, wanted)
-    except ParameterError as error:  # it names an option of the command, as --over
-        raise ParameterError(str(error).removeprefix("--")) from error
+    except (ParameterError, StimulusError) as error:
+        raise type(error)(_in_python(str(error))) from error
     conditions = tuning.tune(sweep, indicator_s=indicator_s)
     doubts = list(tuning.doubts_about(conditions, sweep, indicator_s))
     sidecar = tuning.tuning_sidecar(sweep, command=(), indicator_s=indicator_s, doubts=doubts)
@@ -417,6 +427,13 @@ def tune(
     measured = reading.tuning_of(path, rows, sidecar)
     sidecar["summary"] = summary_of(measured)
     return measured
+
+
+def _in_python(message: str) -> str:
+    """Return a message on a sweep with the arguments of `tune` in place of the options."""
+    for of_command, of_python in _ARGUMENTS.items():
+        message = message.replace(of_command, of_python)
+    return message
 
 
 def _listed(name: str, values: Iterable[Any]) -> list[Any]:

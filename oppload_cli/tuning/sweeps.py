@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _EVERY = "all"
 _MOST_VALUES = 1000
 # Values of an option --over, in messages; single quotes keep the shell from changing the brackets.
-_EXAMPLES = "10,20,40, 0:330:30 (from, to, step), '[[0,0],[10,0]]' or '[\"forward\",\"both\"]'"
+EXAMPLES = "10,20,40, 0:330:30 (from, to, step), '[[0,0],[10,0]]' or '[\"forward\",\"both\"]'"
 
 
 @dataclass(frozen=True)
@@ -280,7 +280,7 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
             if not equals and key not in entry.sweep:
                 raise ParameterError(
                     f"{entry.name} has no values of its own for '{key}'; write --over "
-                    f"{text}=VALUES, with VALUES such as {_EXAMPLES}"
+                    f"{text}=VALUES, with VALUES such as {EXAMPLES}"
                 )
             chosen[key] = _values_of(values) if equals else entry.sweep[key]
             if key.endswith(".centre_deg"):
@@ -309,7 +309,7 @@ def _values_of(values: str) -> list[Any]:
     except ValueError:
         listed = []
     if not listed:
-        raise ParameterError(f"its values cannot be read; write values such as {_EXAMPLES}")
+        raise ParameterError(f"its values cannot be read; write values such as {EXAMPLES}")
     repeated = next((value for value in listed if listed.count(value) > 1), None)
     if repeated is not None:
         raise ParameterError(f"{repeated} is there twice; leave one out")
