@@ -284,8 +284,8 @@ class Detector(ABC):
                 f"params must be of the class {self.parameters.__name__}, such as "
                 f"parameters_of('{self.name}'), not {params!r:.60}"
             )
-        self.shape, self.frame_rate = shape, float(frame_rate) if frame_rate else None
-        self.layers = layers or Layers(shape, Clock(frame_rate=self.frame_rate))
+        self.layers = layers or Layers(shape, Clock(frame_rate=frame_rate))
+        self.shape, self.frame_rate = shape, None if frame_rate is None else float(frame_rate)
         self.params = (params or self.parameters()).resolved(min(shape))
 
     def __init_subclass__(cls) -> None:

@@ -12,6 +12,7 @@ from bisect import bisect_left, insort
 from collections import deque
 from dataclasses import dataclass
 from fractions import Fraction
+from numbers import Real
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.presets import DEFAULT_PRESET, REFERENCE_INTERVAL, preset_named
@@ -72,7 +73,7 @@ class Clock:
     ----------
     params : TimeParams, optional
         The time base.
-    frame_rate : float, optional
+    frame_rate : float or Fraction, optional
         Frames per second of the video, used for frames without a presentation time. Without a frame
         rate each of these frames lasts one interval.
 
@@ -86,9 +87,17 @@ class Clock:
         Intervals from frame to frame, according to the frame rate of the video.
     """
 
-    def __init__(self, params: TimeParams | None = None, frame_rate: float | None = None) -> None:
+    def __init__(
+        self, params: TimeParams | None = None, frame_rate: float | Fraction | None = None
+    ) -> None:
+        given: object = frame_rate  # a caller may give a text, in spite of the type
+        if given is not None and not (isinstance(given, Real) and 0 < float(given) < math.inf):
+            raise ParameterError(
+                f"frame_rate must be a finite number above 0, not {given!r:.60}; leave it out if "
+                "it is not known"
+            )
         per_second = (params or TimeParams()).per_second
-        rate = frame_rate if frame_rate and math.isfinite(frame_rate) else None
+        rate = None if frame_rate is None else float(frame_rate)
         self._counts_frames = per_second is None
         self.per_second = per_second or rate or float(1 / _REFERENCE_S)
         self.step = nearly_one(self.per_second / rate) if rate else 1.0

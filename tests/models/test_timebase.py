@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from fractions import Fraction
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import DpcParams, excitation, referred
 from oppload_cli.models.layers import Layers, Photoreceptors
 from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.opposing_motion import PooledJudgement, has_history
 from oppload_cli.models.timebase import Clock, TimeParams, nearly_one, time_params
 from oppload_cli.pipeline.analysis import analyse
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from oppload_cli.models.detector import Response
-    from oppload_cli.models.opplod_parameters import OpplodParams
     from tests.media import Luma
 
 pytestmark = pytest.mark.once
@@ -209,10 +210,19 @@ def test_a_clock_that_counts_frames_has_the_frame_rate_and_no_times() -> None:
     assert (clock.per_second, clock.step) == (60, 1)
     for count, clock.time_s in enumerate((0.05, 0.9, 7.0)):
         assert clock.now(count - 1.0 if count else None) == count
-    for rate in (None, 0.0, math.inf, math.nan):
-        for interval in ("frame", "1/30"):
-            clock = Clock(TimeParams(interval=interval), rate)
-            assert (clock.per_second, clock.step) == (30, 1)
+    for interval in ("frame", "1/30"):
+        clock = Clock(TimeParams(interval=interval))
+        assert (clock.per_second, clock.step) == (30, 1)
+
+
+@pytest.mark.parametrize("rate", [0.0, -30, math.inf, math.nan, "30", [30]])
+def test_a_wrong_frame_rate_does_not_count_as_an_unknown_one(rate: Any) -> None:
+    said = "^frame_rate must be a finite number above 0, not .*; leave it out if it is not known$"
+    with pytest.raises(ParameterError, match=said):
+        Opplod((60, 80), frame_rate=rate)
+    with pytest.raises(ParameterError, match=said):
+        DetectorBank((60, 80), [OpplodParams()], frame_rate=rate)
+    assert Opplod((60, 80), frame_rate=Fraction(60)).layers.clock.step == 0.5
 
 
 def test_a_step_within_3_percent_of_an_interval_is_an_interval() -> None:
