@@ -267,7 +267,7 @@ def analyse(
     rmo: RmoParams | bool | None = True,
     repeats: RepeatParams | Repeats | None = None,
     time: TimeParams | None = None,
-    optics: Optics | None = None,
+    fov: float | None = None,
 ) -> Iterator[FrameRecord]:
     """Run detectors over a video, a stimulus or an array in one pass, frame by frame.
 
@@ -296,8 +296,8 @@ def analyse(
         How to handle repeats. A `Repeats` object knows the cadence after the pass.
     time : TimeParams, optional
         The time base; if left out, that of the preset.
-    optics : Optics, optional
-        If given, looming objects are also described in degrees.
+    fov : float, optional
+        As for :class:`Analysis`.
 
     Yields
     ------
@@ -325,12 +325,13 @@ def analyse(
     chosen = pass_params(
         params, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
     )
-    with (
-        open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video,
-        closing(side_by_side(video, [chosen], optics)) as records,
-    ):
-        for (record,) in records:
-            yield record
+    degrees = None if fov is None else parse_fov(fov)
+    with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
+        facts = video.facts
+        optics = None if degrees is None else Optics.of_fov(facts.width, facts.height, degrees)
+        with closing(side_by_side(video, [chosen], optics)) as records:
+            for (record,) in records:
+                yield record
 
 
 def side_by_side(
@@ -345,7 +346,7 @@ def side_by_side(
     passes : sequence of PassParams
         The parameters of each pass, from :func:`pass_params`.
     optics : Optics, optional
-        As for :func:`analyse`.
+        If given, looming objects are also described in degrees.
 
     Yields
     ------

@@ -31,7 +31,7 @@ from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
 from oppload_cli.models.registry import detector_named, loaded
 from oppload_cli.models.timebase import FRAME, TimeParams
-from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.pipeline.analysis import pass_params, side_by_side
 from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL_COLUMNS
 from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, exists_already
@@ -278,18 +278,16 @@ class _Run:
 
     def analyse(self, frames: FrameSource, write: Callable[[FrameRecord], object]) -> None:
         settings = self._settings
-        records = analyse(
-            frames,
+        chosen = pass_params(
             settings.model_params(),
             alarm=settings.alarm,
             places=settings.places,
             rmo=settings.rmo,
             repeats=self._repeats,
             time=settings.time,
-            optics=self._optics,
         )
         try:
-            for record in records:
+            for (record,) in side_by_side(frames, [chosen], self._optics):
                 write(record)
                 self.frames += 1
                 for name, summary in self._summaries.items():

@@ -484,6 +484,16 @@ def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
     assert values["flow_vectors"] is None
 
 
+def test_frames_of_a_source_have_the_degrees_of_frames_one_by_one() -> None:
+    options: dict[str, Any] = {"fov": 60, "height": 90, "rmo": False}
+    analysis = Analysis((180, 320), **options)
+    expected = [analysis.step(*each) for each in zip(approach(), TIMES, strict=True)]
+    assert expected[-1].values()["opplod_azimuth_deg"] is not None
+    assert list(analyse(approach(), times=TIMES, **options)) == expected
+    with pytest.raises(ParameterError, match="fov must be"):
+        next(analyse(approach(), times=TIMES, fov=180))
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
