@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 
 
 _FEW_FRAMES = 10  # after this number of frames a wrong unit of the times gives a warning
+_HEIGHT_FIRST = "the shape of an Analysis is its height and its width, as in frame.shape[:2]"
 _LONGEST_STEP_S = 1.0  # a larger usual step suggests that times are not in seconds
 
 
@@ -183,6 +184,7 @@ class Analysis:
                 (*shape, 2): "give the luma, which is frame[..., 0] of YUYV",
                 (*shape, 4): "give frame[..., :3]",
                 (3, *shape): "give frame.transpose(1, 2, 0)",
+                **dict.fromkeys(((columns, rows), (columns, rows, 3)), _HEIGHT_FIRST),
                 (rows * 3 // 2, columns): f"give the luma, which is frame[:{rows}] of NV12 or I420",
             }
             if not values.shape:

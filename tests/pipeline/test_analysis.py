@@ -641,7 +641,8 @@ def test_wrong_frames_one_by_one() -> None:
     analysis = Analysis((90, 120))
     wrong: Any
     for wrong in (
-        (np.zeros((120, 90)), 0.0, FrameError, r"must be of shape \(90, 120\).*another Analysis"),
+        (np.zeros((12, 90)), 0.0, FrameError, r"must be of shape \(90, 120\).*another Analysis"),
+        (np.zeros((120, 90, 3)), 0.0, FrameError, "the shape of an Analysis is its height and its"),
         (np.zeros((90, 120, 4)), 0.0, FrameError, r"\(90, 120, 4\); give frame\[..., :3\]"),
         (np.zeros((135, 120)), 0.0, FrameError, r"the luma, which is frame\[:90\] of NV12"),
         (np.zeros((90, 120)), np.nan, FrameError, "time must be a finite number"),
