@@ -16,7 +16,7 @@ import pandas as pd
 
 from oppload_cli.errors import OutputError, ParameterError, StimulusError, counted
 from oppload_cli.files.atomic import part_of, write_atomic
-from oppload_cli.files.reading import is_file
+from oppload_cli.files.reading import is_file, path_of
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.pipeline.execute import collected
@@ -178,10 +178,10 @@ class Result(reading.BaseResult):
         ...     print(result.report(folder).name)
         controls_looming-perspective.report.html
         """
-        videos = None if video is None else Path(video)
+        videos = None if video is None else path_of(video, "video")
         with TemporaryDirectory() as kept:
             path = self.path if self.saved else self.save(kept)
-            return write_report([path], Path(folder), videos=videos).first
+            return write_report([path], path_of(folder, "folder"), videos=videos).first
 
     def save(
         self, folder: str | Path = ".", stem: str | None = None, *, if_exists: str = "error"
@@ -224,7 +224,7 @@ class Result(reading.BaseResult):
         except ValueError:
             words = ", ".join(IfExists)
             raise ParameterError(f"if_exists must be one of {words}, not {if_exists!r}") from None
-        folder, stem = Path(folder), file_stem(stem or self.stem)
+        folder, stem = path_of(folder, "folder"), file_stem(stem or self.stem)
         outputs = Outputs.of(folder, stem, self.models)
         truth_path = folder / f"{stem}{GROUND_TRUTH}"
         sidecar = dict(self.sidecar)
@@ -499,7 +499,7 @@ def read_result(path: str | Path) -> Result:
     ...
     oppload_cli.errors.ResultError: missing.frames.csv: cannot be read (no such file...
     """
-    read = reading.read_result(Path(path))
+    read = reading.read_result(path_of(path, "path"))
     detections = _detections(reading.read_detections(read.path) or [])
     return Result(read.path, read.frames, read.sidecar, detections, saved=True)
 

@@ -339,6 +339,9 @@ def test_the_layers_of_a_model() -> None:
         ("controls/size-steps", {"preset": "lgmd"}, ParameterError, "no preset 'lgmd'"),
         ("controls/size-steps", {"preset": 3}, ParameterError, "no preset '3'; choose"),
         ("controls/size-steps", {"preset": ["paper"]}, ParameterError, "did you mean 'paper'"),
+        ("controls/size-steps", {"preset": []}, ParameterError, r"no preset '\[\]'; choose"),
+        ("controls/size-steps", {"preset": ""}, ParameterError, "no preset ''; choose"),
+        ("controls/size-steps", {"height": 60.0}, ParameterError, "a whole number of pixels from"),
         ("controls/size-steps", {"models": ["lgmd"]}, ParameterError, "no model 'lgmd'"),
         ("controls/size-steps", {"models": [oppload.Opplod]}, ParameterError, "list of names"),
         ("controls/size-steps", {"models": oppload.Opplod}, ParameterError, "list of names"),
@@ -434,6 +437,77 @@ def test_a_path_is_no_result(name: str) -> None:
     plot = getattr(oppload, f"plot_{name}")
     with pytest.raises(ParameterError, match=r"str: cannot be drawn; give what .*read_"):
         plot("results/video.frames.csv")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"models": None}, "names must be a list of texts, not None"),
+        ({"labels": [1]}, r"names must be a list of texts, not \[1\]"),
+        ({"xlim": 3}, "xlim must be the first and the last time of the axis in seconds, not 3"),
+        ({"xlim": (None, 1)}, r"time of the axis in seconds, not \(None, 1\)"),
+        ({"marks": [0.5]}, r"marks must be a dict of times by label, .*, not \[0.5\]"),
+        ({"axes": np.zeros(2)}, "axes must be one Axes of matplotlib, not ndarray; of an array of"),
+    ],
+)
+def test_a_figure_refuses_options_of_another_type(options: dict[str, Any], said: str) -> None:
+    frames = np.stack([texture(24, 32, seed) for seed in range(6)]).astype(np.float32)
+    result = oppload.run(frames, rate=30, models=["frame_difference"], rmo=False)
+    with pytest.raises(ParameterError, match=said):
+        result.plot(**options)
+
+
+@pytest.mark.parametrize("wrong", [None, 3, [], b"a.csv"])
+def test_a_path_is_a_name_or_a_path(wrong: Any) -> None:
+    tuning = oppload.Tuning(Path("a.tuning.csv"), pd.DataFrame(), ())
+    result = oppload.Result(Path("a.frames.csv"), pd.DataFrame(), {}, saved=True)
+    protocol = oppload.stimulus.load("controls/size-steps")
+    uses: list[Callable[[Any], object]] = [
+        oppload.read_result,
+        oppload.read_tuning,
+        oppload.stimulus.read_entry,
+        oppload.stimulus.read_ground_truth,
+        tuning.save,
+        result.save,
+        result.report,
+        lambda path: oppload.stimulus.write(protocol, path),
+    ]
+    for use in uses:
+        with pytest.raises(ParameterError, match="must be a name or a Path, not "):
+            use(wrong)
+    with pytest.raises(ParameterError, match=r"^video must be a name or a Path, not 3$"):
+        result.report(video=3)  # type: ignore[arg-type]
+    with pytest.raises(ParameterError, match=r"^the name of a file must be a text, not 3$"):
+        result.save(stem=3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", [None, [], {}, 3])
+def test_a_name_that_is_no_text_is_an_unknown_name(wrong: Any) -> None:
+    uses: list[tuple[Callable[[Any], object], str]] = [
+        (oppload.parameters_of, "no model '"),
+        (oppload.alarm_params, "no preset '"),
+        (lambda name: oppload.parameters_of("opplod", name), "no preset '"),
+        (
+            lambda name: oppload.stimulus.write(
+                oppload.stimulus.load("controls/size-steps"), Path(), form=name
+            ),
+            "no video format '",
+        ),
+    ]
+    if wrong is not None:
+        uses.append((lambda name: oppload.Analysis((60, 80), preset=name), "no preset '"))
+    for use, said in uses:
+        with pytest.raises((ParameterError, StimulusError), match=said):
+            use(wrong)
+
+
+def test_a_record_knows_the_detectors_that_ran() -> None:
+    record = oppload.Analysis((60, 80), ["opplod"]).step(np.zeros((60, 80)), 0)
+    assert record.over_threshold("opplod") is None  # warm-up
+    wrong: Any
+    for wrong, hint in (("oplod", "did you mean"), ("dlgmd", "choose"), ([], "choose")):
+        with pytest.raises(ParameterError, match=f"has no response in .*; {hint} '?opplod"):
+            record.over_threshold(wrong)
 
 
 def test_a_result_shows_that_its_input_is_doubtful(tmp_path: Path) -> None:
@@ -603,6 +677,7 @@ def test_a_tuning_tells_that_a_curve_means_little() -> None:
         ({"stimulus": "loom-l-over-v", "figure": "contrast"}, "one of the two"),
         ({"figure": "all"}, "figure must be one figure"),
         ({"figure": "peak"}, "no such figure; did you mean 'peak-time'?"),
+        ({"figure": "p"}, "no such figure; choose bar-ends, contrast"),
         ({"stimulus": "loom-l-over-v", "over": "l/v"}, "over must be a dict by parameter"),
         ({"stimulus": "loom-l-over-v", "over": {"l/v": 40}}, "'l/v' must be a list, not 40"),
         (
@@ -625,6 +700,7 @@ def test_a_tuning_tells_that_a_curve_means_little() -> None:
             {"stimulus": "loom-l-over-v", "over": {"l/v": [40]}, "changes": {"l/v": 20}},
             "changes disk.growth.l_over_v_ms: over sweeps it; leave one of the two out",
         ),
+        ({"stimulus": "loom-l-over-v", "changes": {"wrd": 4}}, ": changes wrd: no key 'wrd'"),
         ({"stimulus": "loom-l-over-v", "changes": ["a"]}, "changes must be a dict by parameter"),
         ({"stimulus": "loom-l-over-v", "indicator_s": 61}, "0 to 60 seconds, not 61"),
         ({"stimulus": "loom-l-over-v", "indicator_s": "1"}, "0 to 60 seconds, not '1'"),
@@ -644,4 +720,3 @@ def test_a_tuning_without_any_peak_says_what_to_do() -> None:
     short = {"timing.before_s": 0, "timing.motion_s": 0.05, "timing.after_s": 0}
     with pytest.raises(ResultError, match="make the stimulus longer than the warm-up of the det"):
         oppload.tune("klapoetke2017/loom-l-over-v", {"l/v": [40]}, changes=short)
-        ({"figure": "p"}, "no such figure; choose bar-ends, contrast"),

@@ -198,8 +198,8 @@ def alarm_params(preset: str = DEFAULT_PRESET, **values: float) -> AlarmParams:
 
 def alarm_params_with(names: Sequence[str], preset: str, **values: float) -> AlarmParams:
     """Return the parameters of the alarms under a preset, with the floors of some detectors."""
-    floors = {f"{name}_floor": alarm_floor_of(name, preset) for name in names}
     on = not preset_named(preset).no_alarm
+    floors = {f"{name}_floor": alarm_floor_of(name, preset) for name in names}
     given = {"on": on, **floors, **_ALARMS.get(preset, {}), **values}
     return _with_floors(tuple(names), given)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import errno
-import os.path
+import os
 import re
 import stat
 import sys
@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from oppload_cli.errors import reason_of
+from oppload_cli.errors import ParameterError, reason_of
 from oppload_cli.processes.threads import Call
 
 if TYPE_CHECKING:
@@ -32,6 +32,16 @@ _DEVICES = re.compile(r"(CON|PRN|AUX|NUL|CONIN\$|CONOUT\$|(COM|LPT)[0-9¹²³])\
 # Unlike the methods of `Path`, these functions return False for a name that is too long, holds a
 # NUL, or lies in a folder that cannot be read.
 is_file, is_folder, is_there = os.path.isfile, os.path.isdir, os.path.exists
+
+
+def path_of(given: object, argument: str) -> Path:
+    """Return a path that the user's program gives; anything but a name or a path is an error.
+
+    The ParameterError names the `argument`.
+    """
+    if not isinstance(given, str | os.PathLike):
+        raise ParameterError(f"{argument} must be a name or a Path, not {given!r:.60}")
+    return Path(given)
 
 
 def content_of(path: Path | str, *, pipes: bool = False) -> bytes:

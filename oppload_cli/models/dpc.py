@@ -289,6 +289,9 @@ def referred(s: _Values, excitation: _Values, share: float, *, directional: bool
 
 def check_frame(luma: Map, shape: tuple[int, int]) -> None:
     """Raise a FrameError unless an array is float32 of the given shape, with finite values."""
+    given: object = luma  # a caller may give None, in spite of the type
+    if not isinstance(given, np.ndarray):
+        raise FrameError(f"a frame must be a float32 array of shape {shape}, not {given!r:.60}")
     if luma.shape != shape or luma.dtype != np.float32:
         raise FrameError(
             f"a frame must be a float32 array of shape {shape}, "

@@ -97,9 +97,11 @@ def parse_height(value: str | int) -> int | None:
     ParameterError
         If `value` is neither ``native`` nor an integer from 1 to 8192.
     """
-    if value == NATIVE:
-        return None
     text = str(value)
+    if text == NATIVE:
+        return None
     if not re.fullmatch(r"[0-9]{1,4}", text) or not 1 <= int(text) <= 8192:
-        raise ParameterError(f"height must be 'native' or 1 to 8192 pixels, not '{value}'")
+        raise ParameterError(
+            f"height must be 'native' or a whole number of pixels from 1 to 8192, not '{value}'"
+        )
     return int(text)

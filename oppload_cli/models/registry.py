@@ -323,7 +323,7 @@ def default_names() -> tuple[str, ...]:
 
 def detector_named(name: str) -> type[Detector]:
     """Return a detector by its name; an unknown name is a ParameterError."""
-    if name not in _detectors:
+    if name not in known_names():  # which also takes a list, from Python
         raise ParameterError(f"no model '{name}'{suggestion(name, _detectors)}")
     detector = _detectors[name]
     if isinstance(detector, str):

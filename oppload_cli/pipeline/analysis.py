@@ -400,6 +400,8 @@ def pass_params(
         kinds = "names of detectors, or sets as parameters_of gives them"
         _check_kind("params", each, Parameters | str, kinds)
     of_names = preset_in([each for each in params or () if isinstance(each, str)], "params")
+    if preset is not None:
+        preset_named(preset)  # raises the error of an unknown preset, also of an empty text
     if preset and of_names and preset != of_names:
         raise ParameterError(
             f"params asks for preset '{of_names}', but the preset is '{preset}'; leave one out"

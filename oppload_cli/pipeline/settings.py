@@ -212,6 +212,8 @@ def resolve(
     content = _read(config) if config else {}
     file_name = str(config) if config else ""
     of_models = preset_in(models)
+    if preset is not None:
+        preset_named(preset)  # raises the error of an unknown preset, also of an empty text
     if preset and of_models and preset != of_models:
         raise ParameterError(
             f"a model asks for preset '{of_models}', but the preset is '{preset}'; leave one out"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sized
+from collections.abc import Mapping, Sized
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
@@ -30,9 +31,8 @@ from oppload_cli.results.reading import BaseResult
 from oppload_cli.results.truths import sizes_in
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from matplotlib.axes import Axes
     from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
@@ -130,6 +130,10 @@ def plot_curves(
         raise ParameterError(f"no scale '{scale}'; choose {', '.join(SCALES)}")
     if align not in {None, "contact"}:
         raise ParameterError(f"curves cannot be aligned at '{align}'; choose contact")
+    if not isinstance(marks, Mapping | None):
+        raise ParameterError(
+            f"marks must be a dict of times by label, such as {{'onset': [0.5]}}, not {marks!r:.60}"
+        )
     for label, times in (marks or {}).items():
         given: object = times  # a caller may give a number, in spite of the type
         count = len(given) if isinstance(given, Sized) else 0
@@ -156,6 +160,12 @@ def plot_curves(
 
 def _draw_into(axes: Axes, panels: Panels, options: CurveOptions) -> Drawn:
     """Draw the only panel into the user's axes, with the legend inside."""
+    given: object = axes  # maybe of a wrong type
+    if not isinstance(given, Axes):
+        raise ParameterError(
+            f"axes must be one Axes of matplotlib, not {type(given).__name__}; of an array of Axes "
+            "give one"
+        )
     _check_lengths(panels, options)
     if len(panels) > 1:
         raise ParameterError(

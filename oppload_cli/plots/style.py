@@ -7,11 +7,11 @@ import logging
 import re
 import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from matplotlib import get_cachedir, style
@@ -216,7 +216,11 @@ def check_drawn(drawn: object, kind: type) -> None:
 
 def as_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return names as a tuple; a text is one name, not a sequence of letters."""
-    return (names,) if isinstance(names, str) else tuple(names)
+    given: object = (names,) if isinstance(names, str) else names  # maybe of a wrong type
+    listed = tuple(given) if isinstance(given, Iterable) else (None,)
+    if not all(isinstance(each, str) for each in listed):
+        raise ParameterError(f"names must be a list of texts, not {given!r:.60}")
+    return cast("tuple[str, ...]", listed)
 
 
 def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
@@ -250,8 +254,14 @@ def check_xlim(times: Sequence[NDArray[np.float64]], xlim: tuple[float, float] |
     """
     if xlim is None:
         return
-    begin, end = xlim
-    if not (np.isfinite(xlim).all() and begin < end):
+    try:
+        begin, end = xlim
+        rising = np.isfinite(xlim).all() and begin < end
+    except (TypeError, ValueError):  # no two numbers
+        raise ParameterError(
+            f"xlim must be the first and the last time of the axis in seconds, not {xlim!r:.60}"
+        ) from None
+    if not rising:
         raise ParameterError(
             f"an axis from {begin:g} to {end:g} s has no length in seconds; give two numbers, the "
             "smaller one first"

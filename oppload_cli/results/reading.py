@@ -21,7 +21,7 @@ from oppload_cli.errors import (
     counted,
 )
 from oppload_cli.files.atomic import PART, part_of, write_atomic
-from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
+from oppload_cli.files.reading import is_file, is_folder, is_there, path_of, reading, text_of
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import default_names, detector_named, known_names
 from oppload_cli.results.cells import (
@@ -217,7 +217,7 @@ class Tuning:
         """
         if if_exists not in {"error", "overwrite"}:
             raise ParameterError(f"if_exists must be error or overwrite, not {if_exists!r}")
-        table = Path(folder) / self.path.name
+        table = path_of(folder, "folder") / self.path.name
         sidecar = table.with_suffix(".json")
         for path in (table, sidecar):
             if if_exists == "error" and os.path.lexists(path):
@@ -380,7 +380,7 @@ def read_tuning(path: str | Path) -> Tuning:
     ...
     oppload_cli.errors.ResultError: missing.tuning.csv: cannot be read (no such file...
     """
-    path = Path(path)
+    path = path_of(path, "path")
     return tuning_of(path, read_table(path, _ANOTHER_TUNING), _sidecar(path.with_suffix(".json")))
 
 

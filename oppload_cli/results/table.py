@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.atomic import PartFile, output_errors, write_atomic
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.files.tables import Cell, Value, formatted, rows_in
@@ -120,8 +121,15 @@ class FrameRecord:
         return {name: None if each is None else each.box for name, each in self.objects.items()}
 
     def over_threshold(self, model: str) -> float | None:
-        """Return a detector's response divided by its threshold; None if it has no threshold."""
-        response = self.responses.get(model)
+        """Return a detector's response divided by its threshold; None if it has no threshold.
+
+        A detector that did not run is a ParameterError.
+        """
+        if model not in list(self.responses):  # which also takes a list, from Python
+            raise ParameterError(
+                f"'{model}' has no response in this record{suggestion(model, self.responses)}"
+            )
+        response = self.responses[model]
         return self._multiple(model, None if response is None else response.response)
 
     def _multiple(self, model: str, value: float | None) -> float | None:

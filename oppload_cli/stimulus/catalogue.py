@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError, StimulusError, nearest, suggestion
-from oppload_cli.files.reading import is_file, reading, text_of
+from oppload_cli.files.reading import is_file, path_of, reading, text_of
 from oppload_cli.stimulus.protocol import Protocol
 from oppload_cli.stimulus.tables import (
     SURROUNDINGS,
@@ -247,7 +247,7 @@ def read_entry(path: str | Path, name: str | None = None) -> Entry:
     StimulusError
         If the file cannot be read or is not TOML, or if its sweep is not valid.
     """
-    path = Path(path)
+    path = path_of(path, "path")
     with reading(path, StimulusError, form="TOML"):
         table = {
             key: _with_paths(value, path.parent) if key in {"scene", "object", "sweep"} else value

@@ -15,9 +15,15 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from oppload_cli.errors import OpploadError, OutputError, StimulusError, suggestion
+from oppload_cli.errors import (
+    OpploadError,
+    OutputError,
+    ParameterError,
+    StimulusError,
+    suggestion,
+)
 from oppload_cli.files.atomic import remove, write_atomic
-from oppload_cli.files.reading import is_file
+from oppload_cli.files.reading import is_file, path_of
 from oppload_cli.processes import cores
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.stimulus.catalogue import find
@@ -109,12 +115,15 @@ def file_stem(name: str) -> str:
     >>> stimulus.file_stem("controls/looming-square/axis-0")
     'controls_looming-square_axis-0'
     """
+    given: object = name  # a caller may give a number, in spite of the type
+    if not isinstance(given, str):
+        raise ParameterError(f"the name of a file must be a text, not {given!r:.60}")
     return name.replace("/", "_")
 
 
 def _check_fits(protocol: Protocol, form: str, where: str) -> None:
     """Refuse a format that cannot hold a stimulus; `where` names the stimulus in the message."""
-    if form not in FORMATS:
+    if form not in list(FORMATS):  # which also takes a list, from Python
         raise StimulusError(f"no video format '{form}'{suggestion(form, FORMATS)}")
     display, video_format = protocol.display, FORMATS[form]
     for key in ("width", "height"):
@@ -261,7 +270,7 @@ def write(
     renderer = Renderer(protocol)
     _check_fits(protocol, form, protocol.name)
     display, count = protocol.display, protocol.frame_count
-    video, truth, sheet = _paths(protocol, Path(directory), form)
+    video, truth, sheet = _paths(protocol, path_of(directory, "directory"), form)
     shown = sheet_frames(count) if preview else []
     previewed: list[Grey] = []
     shape = count, display.height, display.width

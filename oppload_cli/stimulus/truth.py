@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import StimulusError
-from oppload_cli.files.reading import reading, text_of
+from oppload_cli.files.reading import path_of, reading, text_of
 from oppload_cli.stimulus.geometry import Pose, Projection
 from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
 from oppload_cli.stimulus.objects import FIELDS, PICTURE, SIZED, Object
@@ -234,6 +234,7 @@ def read_ground_truth(path: Path | str) -> dict[str, Any]:
     StimulusError
         If the file cannot be read or is not the ground truth of a stimulus.
     """
+    path = path_of(path, "path")
     again = "generate the stimulus again"
     with reading(path, StimulusError, form="JSON", check=again, repair=again):
         data = json.loads(text_of(path))

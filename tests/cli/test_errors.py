@@ -41,7 +41,7 @@ WRONG = [
     (["run", "CLIP", "--preset", "papr"], 2, "no preset 'papr'; did you mean 'paper'?"),
     (["run", "CLIP", "--set", "opplod.receptive_feild=9"], 2, "did you mean 'receptive_field'?"),
     (["run", "CLIP", "--set", "opplod.cell=0"], 2, "must be at least 1, not 0"),
-    (["run", "CLIP", "--height", "0"], 2, "height must be 'native' or 1 to 8192 pixels"),
+    (["run", "CLIP", "--height", "0"], 2, "height must be 'native' or a whole number of"),
     (["run", "CLIP", "--start", "soon"], 2, "--start: 'soon' is no position"),
     (["run", "CLIP", "--start", ""], 2, "--start: '' is no position"),
     (["run", "CLIP", "--end", ""], 2, "--end: '' is no position"),

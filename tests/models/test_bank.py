@@ -68,6 +68,7 @@ def test_every_detector_refuses_an_array_that_is_no_frame(kind: type[Detector]) 
     gap = frames[0].copy()
     gap[3, 4] = np.nan
     wrong: list[Any] = [gap, gap[1:], frames[0].astype(np.float64), np.full_like(gap, -np.inf)]
+    wrong += [None, gap.tolist()]
     for frame in frames:
         for each in wrong:
             with pytest.raises(FrameError, match=r"float32 array of shape|not finite"):

@@ -78,7 +78,7 @@ def test_a_preset_brings_its_own_alarm() -> None:
         ('models = ["opplod:paper"]', "'models' asks for preset 'paper', but .* is 'default'"),
         ('models = ["dlgdm"]', "no model 'dlgdm'; did you mean 'dlgmd'"),
         ('columns = ["all"]', "columns must be 'usual' or 'all', not"),
-        ("height = 0", "height must be 'native' or 1 to 8192"),
+        ("height = 0", "height must be 'native' or a whole number of pixels from 1 to 8192"),
         ("height = ", "is not valid TOML"),
     ],
 )
