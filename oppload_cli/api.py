@@ -513,9 +513,12 @@ def _own_truth(result: Result) -> dict[str, Any] | None:
 
 
 def _table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
-    """Return rows as a table of numbers; None becomes NaN, and True becomes 1."""
+    """Return rows as a table of numbers; None becomes NaN, and True becomes 1.
+
+    Whole numbers without None, such as alarms, keep their type, as in a table that is read.
+    """
     table = pd.DataFrame.from_records(list(rows), columns=list(columns))
-    kinds = {name: int if table[name].dtype == bool else float for name in columns}
+    kinds = {name: int if table[name].dtype.kind in "bi" else float for name in columns}
     return table.astype({name: kind for name, kind in kinds.items() if name != "frame"})
 
 

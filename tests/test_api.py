@@ -49,8 +49,8 @@ def test_a_result_has_the_files_of_the_command_line(tmp_path: Path) -> None:
         assert own[key] == other[key]
     again = oppload.read_result(tmp_path / "cli" / "loom.frames.csv")
     assert repr(again) == repr(result).replace("array", "loom")
-    pd.testing.assert_frame_equal(again.frames, result.frames, check_dtype=False, rtol=1e-8)
-    pd.testing.assert_frame_equal(again.detections, result.detections, check_dtype=False, rtol=1e-8)
+    pd.testing.assert_frame_equal(again.frames, result.frames, rtol=1e-8)
+    pd.testing.assert_frame_equal(again.detections, result.detections, rtol=1e-8)
     assert again.summary == result.summary
     with pytest.raises(OutputError, match="exists already; choose if_exists='overwrite' or 'skip'"):
         result.save(tmp_path / "api")
