@@ -1,6 +1,7 @@
 """The columns of ``frames.csv``: those of every result, and those of a detector.
 
-The table, the registry and the page on formats use these definitions.
+The table, the registry and the page on formats use these definitions. The columns that only one
+detector has are defined in its class.
 """
 
 from __future__ import annotations

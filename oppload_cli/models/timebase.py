@@ -1,8 +1,9 @@
 """Time: the presentation times of frames, counted in intervals (``docs/time.md``).
 
 The models compare frames over a time, the interval, and not over a number of frames. The paper and
-the authors of D-LGMD compared successive frames, at 30 frames per second. The background of a
-response, the median of recent responses, covers a span of time too.
+the authors of D-LGMD compared successive frames, at 30 frames per second. Which frames are compared
+is decided in :mod:`oppload_cli.models.layers`. The background of a response, the median of recent
+responses, covers a span of time too.
 """
 
 from __future__ import annotations

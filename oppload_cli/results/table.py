@@ -1,6 +1,7 @@
-"""The content of a run's files: NAME.frames.csv, NAME.detections.jsonl and the sidecar.
+"""The rows of NAME.frames.csv and NAME.detections.jsonl, and the file of the sidecar.
 
-The module ``models.columns`` defines the columns of the table.
+The module ``models.columns`` defines the columns of the table. ``pipeline.execute`` puts the
+content of the sidecar together.
 """
 
 from __future__ import annotations
