@@ -44,11 +44,11 @@ if TYPE_CHECKING:
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
 _FEW, _MANY = 6, 15  # numbers of latest steps between frames whose medians are taken
 _MOST_KEPT = 16.5  # frames kept per interval; at higher frame rates some are not kept
-# Luminance outside an earlier frame, so far from any other that P, the smaller one of two changes,
-# is the change without the motion of the view.
+# Luminance at places that an earlier frame does not show. The change to this value is larger than
+# any other, so that P, the smaller one of two changes, is the other change.
 _BEYOND = -1e3
-# Displacements of an object that passes: longer than the kernels reach, so that its edges are taken
-# for each other.
+# Displacements of an object that passes, in the frame at half its size. In the complete frame they
+# are longer than its kernels reach, so that the object's edges are taken for each other.
 _NEAREST, _FARTHEST = 4, 20  # px
 _DISPLACED = np.hypot(*np.mgrid[-_FARTHEST : _FARTHEST + 1, -_FARTHEST : _FARTHEST + 1]) >= _NEAREST
 # Luminance above 2 in one of the first 3 frames is an error: the values are probably 0 to 255.
@@ -57,43 +57,46 @@ _CHECKED_FRAMES, _BRIGHTEST = 3, 2.0
 
 @dataclass(slots=True, eq=False)
 class _PastFrame:
-    """P of one frame (`change`), and the frame that it was compared with (`before`)."""
+    """What is kept of a frame (also of the latest one): its time, its P and its view."""
 
-    at: float
-    change: Map | None = None
-    mean: float = 0.0
-    share: float = 1.0
-    before: _PastFrame | None = None
-    view: Motion = field(default_factory=partial(np.eye, 3))
-    # The means of `change` over squares, by the numbers of squares down and across.
+    at: float  # time in intervals
+    change: Map | None = None  # P; None if there was no frame to compare with
+    mean: float = 0.0  # of P over the frame
+    share: float = 1.0  # the wanted interval divided by the actual one
+    before: _PastFrame | None = None  # the frame with which this one was compared
+    view: Motion = field(default_factory=partial(np.eye, 3))  # its motion since the first frame
+    # The means of P over squares, by the numbers of squares down and across.
     coarse: dict[tuple[int, int], Map] = field(default_factory=dict)
 
 
 class Photoreceptors:
     """P of a video, now and one and two intervals ago.
 
-    P(t) compares a frame with the youngest frame that is at least an interval old. If the age of
-    the next younger frame is nearly an interval, and much closer to an interval, P(t) compares with
-    that frame instead (``docs/time.md``). The time of this frame counts as one interval ago.
+    P(t) compares a frame with the youngest frame that is at least an interval old. But the frame
+    after that one is taken instead if its age is nearly an interval, and much nearer to an interval
+    than that of the older frame (``docs/time.md``). The time of the frame that is taken counts as
+    one interval ago.
 
     Parameters
     ----------
     shape : tuple of int
         Height and width of the working frames.
     stride : int
-        Length of the interval of these photoreceptors, in reference intervals, at least 1.
+        Number of intervals over which P compares frames, at least 1. In this class "one interval
+        ago" means one stride ago.
     clock : Clock, optional
-        Tells the time of the frames; without it each frame lasts one reference interval.
+        Tells the time of the frames; without it each frame lasts one interval.
 
     Attributes
     ----------
     frames : int
         Number of frames taken.
     elapsed : float
-        Reference intervals from the frame before to the latest one.
+        Intervals from the frame before to the latest one.
     view : ndarray, shape (3, 3)
-        The motion of the view up to the next frame, as :class:`SteadyView` measures it. P leaves
-        this motion out: it is the smaller one of the changes with and without it.
+        The motion of the view from the first frame to the next one that `step` takes, as
+        :class:`SteadyView` measures it; set before `step`. P leaves this motion out: P is the
+        smaller one of the changes with and without it.
     """
 
     def __init__(self, shape: tuple[int, int], stride: int = 1, clock: Clock | None = None) -> None:
@@ -174,7 +177,7 @@ class Photoreceptors:
 
     @property
     def usual_step(self) -> float:
-        """The usual number of reference intervals from frame to frame: a median of latest steps.
+        """The usual number of intervals from frame to frame: a median of latest steps.
 
         If repeats are left out, frames come at a lower rate than the video declares. The result is
         the larger of the medians of the latest 6 and of the latest 15 steps. So a lower rate counts
@@ -425,7 +428,7 @@ class Layers:
     shape : tuple of int
         Height and width of the working frames.
     clock : Clock, optional
-        Tells the time of the frames; without it each frame lasts one reference interval.
+        Tells the time of the frames; without it each frame lasts one interval.
 
     Examples
     --------
@@ -449,7 +452,7 @@ class Layers:
         return self.clock.time_s
 
     def photoreceptors(self, stride: int = 1) -> SharedLayer[Photoreceptors]:
-        """Return access to the photoreceptors whose interval is `stride` reference intervals."""
+        """Return access to the photoreceptors that compare frames over `stride` intervals."""
         make = partial(Photoreceptors, self.shape, stride, self.clock)
         return self.other(("photoreceptors", stride), make)
 
