@@ -62,7 +62,10 @@ class DlgmdResponse(Response):
 
 
 def threshold(params: DlgmdParams, change_two_ago: float) -> float:
-    """Return ``T = min(1.2 mean(P(t-2)), 0.3)``, the threshold of grouping (section 3)."""
+    """Return ``T = min(1.2 mean(P(t-2)), 0.3)``, the threshold of grouping (section 3).
+
+    `change_two_ago` is mean(P(t-2)), 0 to 1.
+    """
     return min(params.threshold_factor * change_two_ago, params.threshold_limit)
 
 
@@ -164,7 +167,7 @@ class Dlgmd(Detector):
         t = threshold(params, photoreceptors.means[2])
         side, limit = params.group_size, params.grouped_limit
         mean_s, mean_g = group(dpc.sums.presynaptic, side, t, limit, self.grouped)
-        if share != 1:
+        if share != 1:  # for G, E is grouped as S is (docs/time.md)
             e = excitation(photoreceptors.maps, dpc.kernels)
             mean_e, grouped_e = group(e, side, t, limit, np.empty_like(e))
             mean_s = float(referred(mean_s, mean_e, share, directional=False))

@@ -258,11 +258,11 @@ _Values = TypeVar("_Values", float, "Map")
 
 
 def referred(s: _Values, excitation: _Values, share: float, *, directional: bool) -> _Values:
-    """Convert S measured over an interval of another length to S over the reference interval.
+    """Convert S measured over an interval of another length to S over the wanted interval.
 
     E is proportional to the displacement of an edge. Inhibition reduces E by the loss ``E - S``,
-    which is constant if the edge moves by more than a few pixels. So S over the reference interval
-    is ``share E - (E - S)``. If the edge moves by less than 2 px, S of a pathway that passes the
+    which is constant if the edge moves by more than a few pixels. So S over the wanted interval is
+    ``share E - (E - S)``. If the edge moves by less than 2 px, S of a pathway that passes the
     edge is about proportional to the square of the displacement, and becomes ``share^2 S``. The
     result is the larger of both values, for a share above 1 the smaller (measured in
     ``docs/time.md``).
@@ -272,12 +272,12 @@ def referred(s: _Values, excitation: _Values, share: float, *, directional: bool
     s, excitation : float or ndarray of float32
         S and E, at least 0, summed or pooled over the area through which the edge moves.
     share : float
-        Reference interval divided by the actual interval, above 0.
+        Wanted interval divided by the actual interval, above 0.
     directional : bool
         Whether S is that of a pathway.
     """
     with_loss, squared = s - (1 - share) * excitation, share * share * s
-    if share > 1:  # the actual interval is shorter than the reference interval
+    if share > 1:  # the actual interval is shorter than the wanted one
         result: _Values = np.minimum(with_loss, squared)
     else:
         result = np.maximum(with_loss, squared if directional else 0)

@@ -501,7 +501,7 @@ class PixelwiseJudgement:
         """Judge the motion of one frame.
 
         The response is the sum of S_E over all units; the box is that of the unit with the largest
-        S_E. S is multiplied by the reference interval and divided by the actual interval.
+        S_E. S is multiplied by the wanted interval and divided by the actual interval.
         """
         pathways, share = dpc.sums.pathways, dpc.photoreceptors.share
         if share != 1:
