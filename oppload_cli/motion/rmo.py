@@ -2,7 +2,7 @@
 
 This module contains only the metric: it takes arrays of motion vectors and returns numbers. The
 vectors may come from any program and be in any unit. x grows to the right and y downwards, as in
-images. Only angles between vectors matter, so that the direction of y does not change results.
+images. Only lengths and angles matter, so that the direction of y does not change results.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
         raise ParameterError(
             f"v1 and v2 hold {first.shape} and {second.shape} vectors; give as many of both"
         ) from None
-    return _opponency(first, second, sides)
+    return _rmo_of_lengths(first, second, sides)
 
 
 def opposite_pairs(vectors: ArrayLike, tolerance: float = 30.0) -> tuple[Rows, Rows]:
@@ -265,7 +265,7 @@ def rmo_sums(
     outward_sum = inward_sum = opposite_sum = largest = 0.0
     for first, second in moving.opposite(opposite_tolerance):
         outward, inward = moving.radial(first, second, outward_tolerance)
-        values = _opponency(moving.speeds[first], moving.speeds[second], sides)
+        values = _rmo_of_lengths(moving.speeds[first], moving.speeds[second], sides)
         # RMO of pairs that are not outward is set to 0, and not left out. So both sums have the
         # same additions, and the index of a pure expansion is exactly 1.
         kept = values * outward
@@ -288,15 +288,16 @@ class _Moving:
         speeds = length(motion)
         self.rows = np.flatnonzero(speeds)
         self.speeds = speeds[self.rows]
-        self.units = _complex(motion[self.rows]) / self.speeds
+        self.unit_vectors = _complex(motion[self.rows]) / self.speeds
         self.starts = _complex(origin[self.rows])
 
     def opposite(self, tolerance: float) -> Iterator[tuple[Rows, Rows]]:
         """Yield the opposite pairs in blocks, as positions in these arrays, in ascending order."""
-        tangent, count = math.tan(math.radians(tolerance)), len(self.units)
+        tangent, count = math.tan(math.radians(tolerance)), len(self.unit_vectors)
         rows = _BLOCK // (count + 1) + 1
         for start in range(0, count, rows):
-            product = self.units[start : start + rows, None] * self.units.conj()
+            product = self.unit_vectors[start : start + rows, None] * self.unit_vectors.conj()
+            # This compares the angle between one vector and the negative of the other.
             opposite = np.abs(product.imag) < -tangent * product.real
             first, second = np.nonzero(np.triu(opposite, start + 1))
             if first.size:
@@ -306,7 +307,7 @@ class _Moving:
         self, first: Rows, second: Rows, tolerance: float
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which of some pairs are outward, and which inward."""
-        line = self.units[first] - self.units[second]
+        line = self.unit_vectors[first] - self.unit_vectors[second]
         distance = self.starts[first] - self.starts[second]
         along = line.real * distance.real + line.imag * distance.imag
         across = np.abs(line.real * distance.imag - line.imag * distance.real)
@@ -356,7 +357,7 @@ def _joined(blocks: Iterable[tuple[Rows, Rows]]) -> tuple[Rows, Rows]:
     return np.concatenate(first), np.concatenate(second)
 
 
-def _opponency(speed1: Lengths, speed2: Lengths, sides: int) -> Lengths:
-    total = speed1 + speed2
-    symmetric = np.minimum(speed1, speed2) * sides
+def _rmo_of_lengths(length1: Lengths, length2: Lengths, sides: int) -> Lengths:
+    total = length1 + length2
+    symmetric = np.minimum(length1, length2) * sides
     return symmetric / np.where(total > 0, total, 1.0)

@@ -54,7 +54,7 @@ class Prepared(NamedTuple):
 
     frame: Frame
     repeat: Repeat
-    opponency: RmoMetrics | None
+    rmo: RmoMetrics | None
     # Whether it is not known yet if the frames before, all equal, were repeats or a scene at rest.
     undecided: bool = False
     # All frames before this one, if their repeats are now better known: the detectors begin again.
@@ -77,10 +77,10 @@ class Preparation:
         if time_s != frame.time_s:
             frame = replace(frame, time_s=time_s)
         repeat = self.repeats.step(frame.luma, time_s)
-        opponency = None
+        rmo = None
         if self._flow:
-            opponency = RmoMetrics() if repeat.kind else self._flow.step(frame.luma)
-        prepared = Prepared(frame, repeat, opponency)
+            rmo = RmoMetrics() if repeat.kind else self._flow.step(frame.luma)
+        prepared = Prepared(frame, repeat, rmo)
         return prepared if self._first is None else self._with_first_frames(self._first, prepared)
 
     def _with_first_frames(self, first: list[Prepared], latest: Prepared) -> Prepared:
@@ -176,7 +176,7 @@ class DetectorPass:
             luma_change=0.0 if repeat.kind else self._bank.luma_change,
             responses={name: _in_source(each, self._working) for name, each in responses.items()},
             alarms=alarms,
-            rmo=prepared.opponency,
+            rmo=prepared.rmo,
             repeat=repeat.kind,
             thresholds=thresholds,
             detections=next(iter(objects.values()), ()),
