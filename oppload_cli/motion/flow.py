@@ -162,7 +162,7 @@ class DenseFlow:
         frame = np.array(part, np.uint8) if part.dtype == np.uint8 else _grey_levels(part)
         self._frames = [*self._frames[-1:], frame]
         self._reduced = [*self._reduced[-1:], _reduce(frame, self._reduction)]
-        return self._sampled() if len(self._frames) > 1 else None
+        return self._vectors_where_changed() if len(self._frames) > 1 else None
 
     def _prepare(self, height: int, width: int) -> None:
         reduction = self.params.reduction
@@ -175,7 +175,8 @@ class DenseFlow:
         self._search.setFinestScale(0)  # OpenCV need not reduce the frames further
         self._search.setPatchStride(6)  # denser patches take twice the time without a better result
 
-    def _sampled(self) -> MotionVectors:
+    def _vectors_where_changed(self) -> MotionVectors:
+        """Return the motion vectors; a part that changed is reduced less if it is small."""
         if min(self._reduced[1].shape) < SHORTEST_SIDE:
             return _no_vectors()
         change = cv2.absdiff(*self._reduced)
