@@ -133,10 +133,11 @@ class DetectorPass:
         kinds = {each.interpolated for each in self._bank.detectors.values()}
         self._interpolation = Interpolation(kinds - {"none"})
         self._latest: FrameRecord | None = None  # the row that a repeat in a cadence repeats
-        self._before_s = self._taken_s = 0.0  # when this frame was presented, and taken
         self._index = -1  # number of the frame before
-        self._too_slow = False  # whether frames between it and this one were dropped
-        self._passed_over_s: list[float] = []  # times of the frames after this one
+        # Of the latest frame that the detectors saw: when it was presented, and its picture taken.
+        self._before_s = self._taken_s = 0.0
+        self._too_slow = False  # whether a frame after that one was dropped
+        self._passed_over_s: list[float] = []  # times of the frames after that one
         self._places = {
             name: Detections(working, places, 1 / time.per_second if time.per_second else 0)
             for name, each in self._bank.detectors.items()

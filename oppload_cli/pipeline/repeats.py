@@ -150,7 +150,7 @@ class Repeats:
         self._before_s = 0.0  # time of the frame before
         self._lasted_s: deque[float] = deque(maxlen=_SPAN)  # durations of pictures of a cadence
         self._picture_s = self._even_s = 0.0  # times: the latest picture was shown, was taken
-        self._shown_s = 0.0  # time at which the latest frame for the detectors was taken
+        self._taken_s = 0.0  # time at which the picture of `_shown` was taken
         self._passed_over = False  # whether the detectors did not get the frame before
         self.exact = self.near = 0
         # The range of luminance of all frames so far; once it is large enough, it stays.
@@ -219,7 +219,7 @@ class Repeats:
                 self._even_s = self._even_time(time_s)
                 repeat = repeat._replace(shift_s=self._even_s - time_s)
                 self._picture_s = time_s
-            self._shown_s = time_s + repeat.shift_s
+            self._taken_s = time_s + repeat.shift_s
         self._frames += 1
         self._passed_over = repeat.passed_over
         self._before_s = time_s
@@ -267,7 +267,7 @@ class Repeats:
         even_s = self._even_s + fmean(self._lasted_s)
         frame_s, late_s = time_s - self._before_s, time_s - even_s
         even_s += _PULL * (max(late_s - frame_s, 0) + min(late_s, 0))
-        earliest_s = max(time_s - 2 * frame_s, self._shown_s + frame_s / 2)
+        earliest_s = max(time_s - 2 * frame_s, self._taken_s + frame_s / 2)
         return min(max(even_s, earliest_s), time_s + frame_s)
 
     def _recognised(self, luma: Luma, time_s: float) -> Repeat:

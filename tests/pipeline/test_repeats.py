@@ -300,7 +300,7 @@ def test_a_proof_counts_for_two_seconds_and_a_run_for_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("time_s", "shown_s", "told_s"),
+    ("time_s", "taken_s", "told_s"),
     [
         (1.02, 0.9, 1.0),  # up to a frame late
         (1.07, 0.9, 1.0 + 0.1 * 0.03),  # 0.07 s late, of which 0.04 s are a frame
@@ -311,13 +311,13 @@ def test_a_proof_counts_for_two_seconds_and_a_run_for_itself() -> None:
     ],
 )
 def test_an_even_time_is_pulled_into_the_frame_before_the_picture(
-    time_s: float, shown_s: float, told_s: float
+    time_s: float, taken_s: float, told_s: float
 ) -> None:
     """The picture before was taken at 0.9 s; pictures last for 0.1 s, and frames for 0.04 s."""
     repeats = Repeats(RepeatParams())
     repeats._proofs.extend([RUN] * 2)
     repeats._picture_s = time_s - 0.1
-    repeats._even_s, repeats._shown_s, repeats._before_s = 0.9, shown_s, time_s - 0.04
+    repeats._even_s, repeats._taken_s, repeats._before_s = 0.9, taken_s, time_s - 0.04
     assert repeats._even_time(time_s) == pytest.approx(told_s)
 
 
