@@ -288,10 +288,13 @@ class Alarm:
         self.params = params or AlarmParams()
         self._floor = self.params.floor_of(name) if self.params.on else math.inf
         self._background = Background(self.params.background_s, self.params.guard_s)
+        # Of each recent frame with evidence above the threshold: its time, and the step to it.
         self._above: deque[tuple[float, float]] = deque()
         self._steps = _Steps()
-        self._until_s = self._ready_s = -math.inf
-        self._on = self._counted = False
+        self._until_s = -math.inf  # the alarm is held until this time
+        self._ready_s = -math.inf  # the next alarm may start from this time on
+        self._on = False
+        self._counted = False  # whether the latest frame began or prolonged the alarm
         self.threshold = self._floor
         self.evidence = 0.0
 
