@@ -382,9 +382,9 @@ def _grid() -> tuple[Map, Map, NDArray[np.bool_]]:
 class Contact:
     """The growth of one object, and its time to contact.
 
-    If an object approaches at constant speed, its size in the frame is ``s = A / (T - t)``. So two
-    sizes give the time of contact T. The mean of several such times, weighted by their standard
-    errors, is a better estimate.
+    If an object approaches at constant speed, its size in the frame is ``s = A / (T - t)``. So a
+    shrinkage k since ``t - d`` gives the time of contact, ``T = t - d (1 + 1 / k)``. The mean of
+    several such times, weighted by their standard errors, is a better estimate.
 
     Parameters
     ----------

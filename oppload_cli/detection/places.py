@@ -119,16 +119,16 @@ def _peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     return peaks
 
 
-def _focus(maps: UnitMaps, row: int, column: int) -> tuple[float, float]:
-    """Return the place (x, y) of a peak in working pixels, within half a cell of its unit."""
-    across, down = maps.responses[row], maps.responses[:, column]
-    return _top(across, maps.centres_x, column), _top(down, maps.centres_y, row)
-
-
 def _shares_field(maps: UnitMaps, row: int, column: int, peak: _Peak) -> bool:
     across = abs(maps.centres_x[column] - maps.centres_x[peak.column])
     down = abs(maps.centres_y[row] - maps.centres_y[peak.row])
     return bool(max(across, down) < maps.field / 2)
+
+
+def _focus(maps: UnitMaps, row: int, column: int) -> tuple[float, float]:
+    """Return the place (x, y) of a peak in working pixels, within half a cell of its unit."""
+    across, down = maps.responses[row], maps.responses[:, column]
+    return _top(across, maps.centres_x, column), _top(down, maps.centres_y, row)
 
 
 def _top(values: Map, centres: Floats, index: int) -> float:
@@ -178,7 +178,10 @@ class Track:
     time_to_contact_error_s: float | None = None
 
     def distance_to(self, x: float, y: float, near: float) -> float | None:
-        """Return a point's distance from the focus, 0 to 1; None for a point outside the object."""
+        """Return a point's distance from the focus, 0 to 1; None for a point outside the object.
+
+        1 is the object's half size, enlarged for its growth, or `near` (px) if that is larger.
+        """
         reach_x, reach_y = (max(near, _GROWTH * half) for half in (self.extent.x, self.extent.y))
         distance = max(abs(x - self.x) / reach_x, abs(y - self.y) / reach_y)
         return distance if distance <= 1 else None
@@ -217,7 +220,7 @@ class Places:
         luma : ndarray of float32, shape (height, width)
             The working frame; it is kept, not copied.
         time_s : float
-            Its presentation time in seconds.
+            Time in seconds at which its picture was taken.
 
         Returns
         -------
@@ -244,7 +247,7 @@ class Places:
         return shown
 
     def _keep(self, luma: Map, time_s: float) -> None:
-        """Keep this frame, and the youngest frame that is at least an interval older."""
+        """Keep this frame, and those from the youngest that is at least an interval older."""
         old_s = time_s - _LEAST_AGE * self._interval_s
         while len(self._frames) > 1 and self._frames[1][0] <= old_s:
             self._frames.popleft()
@@ -328,7 +331,10 @@ class Detections:
         self._cause: int | None = None
 
     def step(self, maps: UnitMaps, luma: Map, time_s: float) -> tuple[Detection, ...]:
-        """Find the objects of the latest frame, as :meth:`Places.step` does; without alarms."""
+        """Find the objects of the latest frame; :meth:`with_alarm` sets their alarms.
+
+        Arguments and order are those of :meth:`Places.step`.
+        """
         return tuple(
             Detection(
                 track.identity,
@@ -346,8 +352,9 @@ class Detections:
     ) -> tuple[Detection, ...]:
         """Set for each object whether the detector's alarm is on because of this object.
 
-        These are the objects with a response above the frame's threshold, and the object that had
-        the largest response when the alarm started. `found` is sorted: largest response first.
+        The alarm is on because of the objects with a response above the frame's threshold, and of
+        the object that had the largest response when the alarm started. `found` is sorted: largest
+        response first.
         """
         if not alarm:
             self._cause = None
