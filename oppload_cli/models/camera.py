@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     Grey = NDArray[np.uint8]
     Complex = NDArray[np.complexfloating]  # places or vectors, as x + i y
-    # shape (3, 3): the place (x, y, 1) of a pixel in one frame, times it, is a place in another one
+    # A matrix M, shape (3, 3): the pixel at (x, y) of one frame is at M (x, y, 1) in another one.
     Motion = NDArray[np.float64]
 
 # Functions that turn a map so that its lines begin at the left, right, top or bottom of the frame.
@@ -227,8 +227,8 @@ class SteadyView:
     def step(self, luma: Map, usual_step: float) -> Motion:
         """Take the next frame; return the motion of the view from the first frame to this one.
 
-        `usual_step` is as for :class:`SteadyLight`. The result turns the place of a pixel of this
-        frame into its place in the first one.
+        `usual_step` is as for :class:`SteadyLight`. The result leads from the place of a pixel in
+        this frame to its place in the first one.
         """
         reduction = max(1, round(min(luma.shape) / _FLOW_SIDE))
         small = smaller(luma, reduction)
@@ -245,7 +245,7 @@ class SteadyView:
 def view_motion(before: Grey, now: Grey) -> Motion | None:
     """Return the motion of the view between two reduced frames; None if none is found.
 
-    Both frames are uint8, of the same shape. The result turns places of `now` into places of
+    Both frames are uint8, of the same shape. The result leads from places in `now` to places in
     `before`, in their pixels.
     """
     if min(now.shape) < SHORTEST_SIDE or np.array_equal(before, now):
@@ -424,7 +424,7 @@ def _plain_strip(lines: Map) -> tuple[int | None, bool]:
 # ---- Edges of the frame --------------------------------------------------------------------
 
 # Least P of a pixel that moves: as luminance, and as a share of the largest P beside the edge.
-_LEAST_MOTION, _OF_EDGE = 0.02, 0.3
+_LEAST_P, _LEAST_P_SHARE = 0.02, 0.3
 
 
 def leave_out_entering(
@@ -456,7 +456,7 @@ def leave_out_entering(
     p, *pathways = (each[picture] for each in (change, *maps))
     for side in _SIDES:
         strips = [side(pathway)[:, :reach] for pathway in pathways]
-        leave_out_moving(strips, side(p)[:, :reach], border, _LEAST_MOTION, _OF_EDGE)
+        leave_out_moving(strips, side(p)[:, :reach], border, _LEAST_P, _LEAST_P_SHARE)
 
 
 @with_twin

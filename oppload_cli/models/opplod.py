@@ -134,7 +134,7 @@ class Opplod(Detector):
         super().__init__(shape, params, **others)
         own, layers, clock = self.params, self.layers, self.layers.clock
         self._make_camera_parts()
-        # These change frames or maps, so that layers cannot be shared.
+        # The filters change frames, the others P or S, so that layers cannot be shared.
         if self._filters or own.steady_view or own.entering:
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(own, own.both_axes, own.stride)
@@ -211,7 +211,7 @@ class Opplod(Detector):
         """
         dpc = self._dpc.layer
         photoreceptors = dpc.photoreceptors
-        if self._bars or self._filters or self._view:  # they see unchecked frames
+        if self._bars or self._filters or self._view:  # they come before the check by the layers
             photoreceptors.check(luma)
         if self._bars:
             self._bars.step(luma, photoreceptors.usual_step)
