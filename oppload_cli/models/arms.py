@@ -53,10 +53,10 @@ class _Motion(NamedTuple):
 def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
     """Return the motion at every pixel; both axes together give its direction.
 
-    A single S_phi only passes or blocks an edge. The differences ``J_phi = I_(phi+180) - I_phi`` of
-    both axes form a vector J, which points in the direction in which the edge moves. A pathway of
-    exactly this direction would have the inhibition ``(I - |J|) / 2``, and therefore the
-    presynaptic sum ``S = max(0, E - (I - |J|) / 2)``.
+    A single S_phi only passes or blocks an edge. The differences ``I_(phi+180) - I_phi`` of both
+    axes form a vector v, which points in the direction in which the edge moves. A pathway of
+    exactly this direction would have the inhibition ``(I - |v|) / 2``, and therefore the
+    presynaptic sum ``S = max(0, E - (I - |v|) / 2)``.
 
     Parameters
     ----------
@@ -119,7 +119,10 @@ def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -
 
 
 def smoothing(elapsed: float, constant: float) -> float:
-    """Return the weight of a new value in a first-order low-pass; 1 if the time constant is 0."""
+    """Return the weight of a new value in a first-order low-pass; 1 if the time constant is 0.
+
+    `elapsed` and the time constant are in intervals.
+    """
     return 1 - math.exp(-elapsed / constant) if constant else 1.0
 
 
@@ -161,7 +164,7 @@ class ArmsJudgement(CellJudgement):
         """Judge the motion of one frame.
 
         The response is that of the unit with the largest R, the sum of its arms' responses:
-        ``c2 (R - T_o)^p`` if R is above T_o, else 0.
+        ``c2 (R - T_o)^p`` with `arm_power` p if R is above T_o, else 0.
         """
         params, elapsed = self._params, dpc.photoreceptors.elapsed
         amount, motion = self.pooled(dpc)
