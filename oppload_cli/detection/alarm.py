@@ -31,6 +31,11 @@ _FIRST_STEP_S = 0.1  # the usual step before any step is known
 _INTERVAL_S = float(Fraction(REFERENCE_INTERVAL))
 _SAME_S = 1e-6  # sums and differences of times are equal if they differ by less
 _GAP = 2.0  # a step longer than 2 usual steps is a gap: frames are missing
+_MEMORY_S = 0.18  # whether a frame is a cut depends on the luminance changes of this latest time
+# At least this number of latest changes is kept, whatever their age. Noise does not grow with the
+# time between frames, so that the change per interval is small after lost frames. If only this
+# small change were kept, the next, ordinary change would look like a cut.
+_LEAST_KEPT = 3
 
 
 def _seconds(default: float, meaning: str) -> Any:
@@ -378,12 +383,6 @@ class Cuts:
     Source: ``docs/alarms.md``.
     """
 
-    MEMORY_S = 0.18  # a luminance change is compared with the changes of this latest time
-    # At least this number of latest changes is kept, whatever their age. Noise does not grow with
-    # the time between frames, so that the change per interval is small after lost frames. If only
-    # this small change were kept, the next, ordinary change would look like a cut.
-    LEAST_KEPT = 3
-
     def __init__(self, params: AlarmParams) -> None:
         self._params = params
         self._changes: deque[tuple[float, float]] = deque()
@@ -423,7 +422,7 @@ class Cuts:
         is_gap = self._steps.gap_s(time_s) > least_s + ROUNDING_S
         if change is None:  # a detector may respond to the first frame too
             return "start" if self._params.cut_ratio and self._params.blind_s else ""
-        while len(self._changes) > self.LEAST_KEPT and self._changes[0][0] < time_s - self.MEMORY_S:
+        while len(self._changes) > _LEAST_KEPT and self._changes[0][0] < time_s - _MEMORY_S:
             self._changes.popleft()
         if cause := "gap" if is_gap else self._cause_in(photoreceptors, change):
             # The cut lies after the frame before, at every frame rate. But a video starts with its
