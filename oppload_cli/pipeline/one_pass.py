@@ -41,12 +41,12 @@ class PassParams(NamedTuple):
     """The parameters of one pass."""
 
     preset: str
-    params: Sequence[Parameters]
+    params: Sequence[Parameters]  # one set for each detector
     alarm: AlarmParams
-    places: PlaceParams | None
+    places: PlaceParams | None  # None: looming objects are not looked for
     time: TimeParams
-    rmo: RmoParams | None
-    repeats: Repeats
+    rmo: RmoParams | None  # None: RMO is not measured
+    repeats: Repeats  # recognises the repeats of this pass
 
 
 class Prepared(NamedTuple):
@@ -84,7 +84,7 @@ class Preparation:
         return prepared if self._first is None else self._with_first_frames(self._first, prepared)
 
     def _with_first_frames(self, first: list[Prepared], latest: Prepared) -> Prepared:
-        """Return the latest frame; if the first ones are better known now, with them once more."""
+        """Return the latest frame, and those before too if their repeats are better known now."""
         still = latest.repeat.kind == EXACT and not latest.repeat.passed_over
         if still and all(each.repeat.kind == EXACT for each in first[1:]):
             first.clear()  # the video begins at rest: the frames count from the last one at rest
