@@ -356,14 +356,14 @@ class PooledJudgement(CellJudgement):
             pooled = referred(pooled, e, photoreceptors.share, directional=True)
         if params.compression != 1:
             pooled **= params.compression
-        with_history = of_all = self._outward(pooled)
+        with_history = of_all_cells = self._outward(pooled)
         if params.history:
-            lasts = has_history(photoreceptors.coarse(of_all.shape), params.history)
+            lasts = has_history(photoreceptors.coarse(of_all_cells.shape), params.history)
             if not lasts.all():
                 pooled *= lasts
                 with_history = self._outward(pooled)
         self.maps = self.maps._replace(pathways=dict(zip(directions, pooled, strict=True)))
-        opponencies = np.stack((with_history, of_all))
+        opponencies = np.stack((with_history, of_all_cells))
         if photoreceptors.stride != 1:
             opponencies *= np.float32(photoreceptors.stride ** (-2 * params.compression))
         return opponencies
@@ -407,10 +407,10 @@ class PooledJudgement(CellJudgement):
         now = float(opponencies[0].max())
         if params.persistence:
             opponencies = self._persisted(opponencies, photoreceptors)
-        opponency, of_all = opponencies
+        opponency, of_all_cells = opponencies
         sudden = self._is_sudden(now, float(opponency.max()), photoreceptors.elapsed)
         if params.adaptation_level:
-            factor = self._adaptation(float(of_all.max()), photoreceptors)
+            factor = self._adaptation(float(of_all_cells.max()), photoreceptors)
             opponency *= np.float32(factor)
         responses = enhanced(opponency, params.gain, params.threshold)
         self.maps = self.maps._replace(responses=responses)
