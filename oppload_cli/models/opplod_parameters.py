@@ -99,7 +99,10 @@ class OpplodParams(DpcParams):
         high=2,
     )
     cell_share: float = parameter(
-        0.05, "side of a cell as a share of the height, if cell is auto", low=0.001, high=0.5
+        0.05,
+        "side of a cell as a share of the working height, if cell is auto",
+        low=0.001,
+        high=0.5,
     )
     pool_sigma: float = parameter(
         1.0, "sigma of the pooling over cells; 0: no pooling", unit="cells", low=0, high=10
