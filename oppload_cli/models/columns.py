@@ -22,8 +22,8 @@ COMMON = (
     Column(
         "luma_change",
         "0 to 1",
-        "mean over the frame of P, the absolute luminance change; 0 for a repeat, empty for the "
-        "first frame",
+        "mean over the frame of P, the absolute luminance change in an interval; 0 for a repeat, "
+        "empty for the first frame",
     ),
 )
 COMMON_DETAILS = (  # with `--columns all`
