@@ -132,7 +132,7 @@ class Products:
         self._offsets_x = np.arange(-columns, columns + 1)
         self._middle = rows, columns
         self._pairs = [
-            (maps.pathways[phi], maps.pathways[(phi + 180) % 360], _signs(rows, columns, phi))
+            (maps.pathways[phi], maps.pathways[phi + 180], _signs(rows, columns, phi))
             for phi in maps.pathways
             if phi < 180
         ]
