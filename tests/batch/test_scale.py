@@ -100,5 +100,11 @@ def test_the_snakemake_rule(project: Path) -> None:
     if not snakemake:
         pytest.skip("NOT TESTED: snakemake is missing; pip install snakemake")
     (project / "Snakefile").write_text(example("python", "rule all"))
+    for folder, name in (("videos", "clip4.avi"), ("expected", "clip4.frames.csv")):
+        (project / folder / "cam 1").mkdir()
+        (project / folder / name).rename(project / folder / "cam 1" / name)
     run(project, snakemake, "--cores", "2", "--quiet", "all")
-    check(project)
+    for folder, count in ((".", 4), ("cam 1", 1)):
+        made = tables(project / "results" / folder)
+        assert len(made) == count
+        assert made == tables(project / "expected" / folder)
