@@ -30,6 +30,7 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors
 from oppload_cli.files.atomic import claimed
 from oppload_cli.models import registry
+from oppload_cli.models.opplod import Opplod
 from tests.cli import inside
 from tests.media import grey_frames, write_video
 from tests.results.make import rows_of
@@ -139,6 +140,17 @@ def test_the_summary_counts_pairs_and_alarms() -> None:
     silent = Benchmark(shown(stated), [off])
     found = silent.summary("lgmd2")
     assert (found.looming_alarmed, found.controls_alarmed) == (None, None)
+
+
+def test_a_cost_belongs_to_the_preset_under_which_it_was_measured() -> None:
+    both = chosen_detectors(["opplod:default", "opplod:reference"])
+    rows = [
+        each._replace(measured={one.name: Measured(one.name, 1.0, 0.5, 0, None) for one in both})
+        for each in shown([(LOOMING, 4.0, 1), (CONTROL, 1.0, 0)])
+    ]
+    found = Benchmark(rows, both)
+    assert found.summary("opplod:default").cost_ms == Opplod.cost_ms
+    assert found.summary("opplod:reference").cost_ms is None
 
 
 def test_a_stimulus_of_several_tables_counts_once() -> None:
