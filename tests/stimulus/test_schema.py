@@ -7,6 +7,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from docs.generate_gallery import SECTIONS, page_of_keys
 from oppload_cli.stimulus import Growth, Object, json_schema, load_all
 from oppload_cli.stimulus.catalogue import catalogue_directory
@@ -43,16 +45,20 @@ def test_the_gallery_shows_the_catalogue() -> None:
     assert sum(path.stat().st_size for path in pictures) < 1_500_000
 
 
-def test_the_example_of_the_documentation_is_valid(tmp_path: Path) -> None:
-    page = (DOCS / "stimuli.md").read_text(encoding="utf-8")
-    example = page.split("```toml\n")[1].split("```")[0]
+@pytest.mark.parametrize(
+    ("page", "members"),
+    [
+        ("stimuli.md", ["l-over-v-10", "l-over-v-40", "l-over-v-160"]),
+        ("staged.md", ["miss-sizes-0.25", "miss-sizes-1.5"]),
+    ],
+)
+def test_the_examples_of_the_documentation_are_valid(
+    page: str, members: list[str], tmp_path: Path
+) -> None:
+    example = (DOCS / page).read_text(encoding="utf-8").split("```toml\n")[1].split("```")[0]
     path = tmp_path / "example.toml"
     path.write_text(example)
-    assert [protocol.name for protocol in load_all(path)] == [
-        "example/l-over-v-10",
-        "example/l-over-v-40",
-        "example/l-over-v-160",
-    ]
+    assert [protocol.name for protocol in load_all(path)] == [f"example/{each}" for each in members]
 
 
 def test_every_file_of_the_catalogue_is_valid_by_the_schema() -> None:
