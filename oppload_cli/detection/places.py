@@ -78,7 +78,8 @@ class Detection(NamedTuple):
         """Return the same object `passed_s` seconds later, without a new measurement."""
         remaining_s = self.time_to_contact_s and self.time_to_contact_s - passed_s
         if remaining_s is None or remaining_s <= 0:
-            return self._replace(time_to_contact_s=None, time_to_contact_error_s=None)
+            view = self.view and self.view._replace(angular_speed_deg_s=None)
+            return self._replace(time_to_contact_s=None, time_to_contact_error_s=None, view=view)
         return self._replace(time_to_contact_s=remaining_s)
 
 

@@ -11,6 +11,7 @@ from oppload_cli.detection.places import Detections
 from oppload_cli.models.detector import Box, Response
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.video.frames import WorkingSize
+from oppload_cli.video.optics import View
 from tests.detection.showing import RATE, SIZE, approaching, remaining, together
 from tests.media import disk, write_video
 from tests.presets import PLACES, REFERENCE
@@ -129,6 +130,12 @@ def test_a_time_to_contact_that_has_passed_is_none() -> None:
     left = [seen(1, 0.5, 0.2).after(passed_s) for passed_s in (0.15, 0.2, 0.3)]
     assert [each.time_to_contact_s for each in left] == [pytest.approx(0.05), None, None]
     assert [each.time_to_contact_error_s for each in left] == [0.05, None, None]
+
+
+def test_the_angular_speed_is_known_as_long_as_the_time_to_contact() -> None:
+    view = View(0.0, 0.0, 9.0, 9.0, 9.0, 50.0)
+    left = [seen(1, 0.5, 0.2)._replace(view=view).after(passed_s) for passed_s in (0.15, 0.3)]
+    assert [each.view and each.view.angular_speed_deg_s for each in left] == [50.0, None]
 
 
 def test_a_box_ends_at_the_right_and_the_lower_edge_of_a_wide_frame() -> None:
