@@ -39,7 +39,7 @@ KINDS = {
     "camera at rest": ("collision", "crossing", "receding"),
     "camera that moves": ("forward", "shake", "collision-pan"),
 }
-MANY = 10_000  # inputs of a large batch
+FEW, MANY = 20, 10_000  # inputs of a small and of a large batch
 
 
 def _line(title: str, values: Sequence[float], unit: str) -> str:
@@ -107,9 +107,9 @@ def _presets(rounds: int, videos: Sequence[Path]) -> Iterator[str]:
         alone: dict[str, list[float]] = {name: [] for name in parts}
         runs = []
         for _ in range(rounds):
-            usual_s = _model_s(lumas, "reference")
+            reference_s = _model_s(lumas, "reference")
             for name, changes in parts.items():
-                alone[name].append(_model_s(lumas, "default", **changes) / usual_s)
+                alone[name].append(_model_s(lumas, "default", **changes) / reference_s)
             runs.append(_run_s(path) / _run_s(path, "--preset", "reference"))
         for name, ratios in alone.items():
             yield _line(f"{path.name}: model alone, {name}", ratios, "times reference")
@@ -122,15 +122,13 @@ def _batch(rounds: int, _videos: Sequence[Path]) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         few, many, results = folder / "few", folder / "many", folder / "results"
-        for count, place in ((20, few), (MANY, many)):
+        for count, place in ((FEW, few), (MANY, many)):
             place.mkdir()
             for number in range(count):
                 (place / f"{number:05d}.mp4").hardlink_to(clip)
-        one_s = [_run_s(clip) for _ in range(rounds)]
-        more_s = [_run_s(few, "--jobs", "1") for _ in range(rounds)]
-        yield _line("a run of one clip of 3 frames", one_s, "s")
-        each_s = [(a - b) / 19 for a, b in zip(more_s, one_s, strict=True)]
-        yield _line("each further clip of a batch", each_s, "s")
+        pairs = [(_run_s(few, "--jobs", "1"), _run_s(clip)) for _ in range(rounds)]
+        yield _line("a run of one clip of 3 frames", [one for _, one in pairs], "s")
+        yield _line("each further clip of a batch", [(a - b) / (FEW - 1) for a, b in pairs], "s")
         planning = [_run_s(many, "--dry-run") for _ in range(rounds)]
         yield _line(f"planning {MANY} inputs", planning, "s")
         processor_s([COMMAND, "run", str(clip), "-o", str(folder / "one"), "-q"])
