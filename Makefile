@@ -16,12 +16,13 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 base = $(shell exec 2>/dev/null; $(1) -c "import sys; print(sys.version, sys.base_prefix)")
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-failed test-slow test-lowest attack bench lint style types format docs dist clean another
+.PHONY: help demo test test-failed test-long test-slow test-lowest attack bench lint style types format docs dist clean another
 
 help:
 	@echo "make demo       install, run both detectors on a looming disk, plot, make a page"
-	@echo "make test       run the tests; JOBS=4 runs them in 4 processes (2 by default)"
+	@echo "make test       run the quick tests; JOBS=4 runs them in 4 processes (2 by default)"
 	@echo "make test-failed run the tests that failed last time, one after the other"
+	@echo "make test-long  run the tests that take up to a few seconds each"
 	@echo "make test-slow  run the tests that take more than a few seconds each"
 	@echo "make test-lowest run the tests with the lowest versions of libraries that are allowed"
 	@echo "make attack     damaged and hostile input, limits, signals; CASES=5000 SEED=1 (500 and 1)"
@@ -51,10 +52,13 @@ demo: .venv/.ready
 	$(BIN)/oppload demo --output demo --if-exists overwrite
 
 test: .venv/.ready
-	$(BIN)/python -m pytest --numprocesses $(JOBS)
+	$(BIN)/python -m pytest --numprocesses $(JOBS) -m "not long and not slow"
 
 test-failed: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses 0 --last-failed --last-failed-no-failures none
+
+test-long: .venv/.ready
+	$(BIN)/python -m pytest --numprocesses $(JOBS) -m "long and not slow"
 
 test-slow: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses $(JOBS) -m slow

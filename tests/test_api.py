@@ -29,6 +29,7 @@ FRAMES = [(frame * 255).round().astype(np.uint8) for frame in looming(120, 60, 6
 NATIVE: dict[str, Any] = {"height": "native", "preset": "reference"}
 
 
+@pytest.mark.long
 def test_a_result_has_the_files_of_the_command_line(tmp_path: Path) -> None:
     video = write_video(tmp_path / "loom.avi", FRAMES)
     told = inside.oppload(
@@ -155,6 +156,7 @@ def test_a_video_in_slow_motion_has_the_times_of_its_true_rate(tmp_path: Path) -
     )
 
 
+@pytest.mark.long
 def test_a_stimulus_may_be_named_and_keeps_its_truth(tmp_path: Path) -> None:
     protocol = oppload.stimulus.load("klapoetke2017/loom-l-over-v/l-over-v-10")
     options: dict[str, Any] = {"models": ["dlgmd"], "rmo": False, "preset": "reference"}
@@ -174,6 +176,7 @@ def test_a_stimulus_may_be_named_and_keeps_its_truth(tmp_path: Path) -> None:
         oppload.run("klapoetke2017/loom-l-over-v")  # eight of them
 
 
+@pytest.mark.long
 def test_the_truth_goes_with_a_result_that_is_saved_again(tmp_path: Path) -> None:
     first = oppload.run("controls/size-steps", rmo=False).save(tmp_path / "first")
     second = oppload.read_result(first).save(tmp_path / "second")
@@ -223,6 +226,7 @@ def test_the_alarm_is_that_of_the_preset() -> None:
     assert reference not in floors()
 
 
+@pytest.mark.long
 def test_a_camera_that_is_turned_gives_the_same() -> None:
     """The working height is the shorter side of a frame, so that a turn changes only the places."""
     y, x = np.mgrid[:180, :320]
@@ -254,6 +258,7 @@ def test_a_record_has_the_same_columns_in_every_frame() -> None:
         assert str(values[0]["opplod_alarm"]) == "0"  # as in the table
 
 
+@pytest.mark.long
 def test_a_stimulus_of_a_file_is_a_source(tmp_path: Path) -> None:
     own = tmp_path / "mine.toml"
     table = next(e.path for e in oppload.stimulus.entries() if e.name == "controls/looming-ring")
@@ -609,6 +614,7 @@ TUNED: dict[str, Any] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("stimulus", "over", "options"), TUNED.values(), ids=TUNED)
 def test_a_tuning_has_the_files_of_the_command_line(
     stimulus: str, over: dict[str, Any], options: list[str], tmp_path: Path
@@ -634,6 +640,7 @@ def test_a_tuning_has_the_files_of_the_command_line(
     assert (again.parameters, again.name) == (tuning.parameters, tuning.name)
 
 
+@pytest.mark.long
 def test_tune_takes_numbers_of_numpy(tmp_path: Path) -> None:
     over = {"disk.luminance": np.array([0, 0.4])}
     given: dict[str, Any] = {"models": ["dlgmd"], "height": 60}
@@ -654,6 +661,7 @@ def test_tune_refuses_names_that_are_no_text() -> None:
         oppload.tune(figure=figures)
 
 
+@pytest.mark.long
 def test_a_tuning_is_replaced_only_if_that_is_asked_for(tmp_path: Path) -> None:
     tuning = oppload.tune(figure="contrast", over={"disk.luminance": [0, 0.4]}, models=["dlgmd"])
     assert repr(tuning).startswith("Tuning('contrast.tuning.csv', 2 rows over disk.luminance: dlgm")
@@ -665,6 +673,7 @@ def test_a_tuning_is_replaced_only_if_that_is_asked_for(tmp_path: Path) -> None:
     assert tuning.save(tmp_path, if_exists="overwrite").read_bytes() == before
 
 
+@pytest.mark.long
 def test_a_tuning_tells_that_a_curve_means_little() -> None:
     slow = oppload.tune("klapoetke2017/bar-expand-10", {"axis": [0, 45]}, models=["opplod"])
     assert "1 doubt: see sidecar['doubts']" in repr(slow)

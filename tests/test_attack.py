@@ -131,6 +131,7 @@ def test_a_child_of_the_caller_is_not_taken_for_an_orphan(tmp_path: Path) -> Non
         assert other.wait() == 7
 
 
+@pytest.mark.long
 def test_cases_beside_each_other_do_not_share_memory() -> None:
     if os.geteuid() != 0 or subprocess.run(["unshare", "--mount", "true"], check=False).returncode:
         pytest.skip("NOT TESTED: mounting needs root")

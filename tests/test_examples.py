@@ -24,6 +24,7 @@ FIGURES = {"own_axes": "own-axes.png", "two_presets": "two-presets.png"}
 SLOW = {"batch_to_table", "response_over_l_over_v", "two_presets"}  # runs of several stimuli
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "path",
     [

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 HEADER = "stimulus,axis_deg,width_deg,peak_relative_to_loom\n"
 
 
+@pytest.mark.long
 def test_the_published_peaks_find_their_stimuli() -> None:
     targets = read_reference(REFERENCE)
     assert len(targets) == 21

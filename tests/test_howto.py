@@ -94,6 +94,7 @@ def scripts_of(name: str) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.long
 def test_the_log_of_a_loop_over_a_camera_can_be_read_and_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,6 +156,7 @@ def test_images_of_12_bits_have_the_times_of_a_file(
     assert float(rows[3]["luma_change"]) == pytest.approx(share * 2 * 16 / 65535, rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not shutil.which("bash"), reason="NOT TESTED: needs bash")
 def test_the_first_tutorial_makes_the_videos_of_the_others(tmp_path: Path) -> None:
     page = (PAGES.parent / "tutorials" / "collision.md").read_text(encoding="utf-8")

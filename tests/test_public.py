@@ -87,6 +87,7 @@ def test_completion_shows_the_public_names_and_no_others() -> None:
         _ = oppload_cli.nothing  # type: ignore[attr-defined]
 
 
+@pytest.mark.long
 def test_names_are_loaded_when_they_are_used() -> None:
     code = "import sys, oppload_cli; dir(oppload_cli); assert 'numpy' not in sys.modules\n"
     assert loaded(f"{code}oppload_cli.Opplod", "numpy", "pandas") == ["numpy"]

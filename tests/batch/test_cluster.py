@@ -92,6 +92,7 @@ def ten(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_costs_no_result(
     ten: Path, shared_scheduler: Path, tmp_path: Path
 ) -> None:

@@ -20,6 +20,7 @@ from tests.media import grey_frames, write_video
 fcntl = pytest.importorskip("fcntl", reason="NOT TESTED: no such locks on this system")
 
 
+@pytest.mark.long
 def test_a_result_is_renamed_before_its_lock_is_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -68,6 +69,7 @@ def test_without_locks_each_process_has_a_file_of_its_own(
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine\n"]
 
 
+@pytest.mark.long
 def test_a_result_that_another_run_writes_or_has_just_written_is_skipped(tmp_path: Path) -> None:
     clip = write_video(tmp_path / "a.avi", grey_frames(5))
     task = Task(

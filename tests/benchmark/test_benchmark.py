@@ -240,6 +240,7 @@ def benchmark_in(folder: Path, *names: str) -> tuple[str | Path, ...]:
     return "benchmark", "-o", folder, "-q", "-j", "1", "--model", ",".join(names)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_small_battery")
 def test_the_command_writes_tables_figures_and_a_page(made: Path) -> None:
     rows = rows_of(made / "stimuli.csv")
@@ -257,6 +258,7 @@ def test_the_command_writes_tables_figures_and_a_page(made: Path) -> None:
     assert again == first
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no locks")
 @pytest.mark.usefixtures("_small_battery")
 def test_of_two_benchmarks_in_one_folder_the_second_is_refused(tmp_path: Path) -> None:
@@ -267,6 +269,7 @@ def test_of_two_benchmarks_in_one_folder_the_second_is_refused(tmp_path: Path) -
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_small_battery", "undrawn")
 def test_a_benchmark_with_other_settings_is_replaced_on_request_only(
     made: Path, tmp_path: Path
@@ -290,6 +293,7 @@ def test_a_benchmark_with_other_settings_is_replaced_on_request_only(
     assert (refused.returncode, "stimuli.csv: exists already" in refused.stderr) == (2, True)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_small_battery", "undrawn")
 def test_faults_of_the_clips_are_told(tmp_path: Path) -> None:
     write_video(tmp_path / "a.avi", grey_frames(10))

@@ -36,6 +36,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_files_of_a_run(clip: Path, tmp_path: Path) -> None:
     done = oppload("run", clip, "-o", tmp_path, "--annotate")
     assert done.returncode == 0, done.stderr
@@ -68,6 +69,7 @@ def test_without_opplod_there_are_no_detections(clip: Path, tmp_path: Path) -> N
     ]
 
 
+@pytest.mark.long
 def test_what_another_run_leaves_beside_a_replaced_result(clip: Path, tmp_path: Path) -> None:
     assert oppload("run", clip, "-o", tmp_path, "--annotate", "--report", *FAST).returncode == 0
     for kept in ("loom.annotated.mp4", "loom.report.html"):
@@ -90,6 +92,7 @@ def test_standard_output_holds_no_video(clip: Path) -> None:
     )
 
 
+@pytest.mark.long
 def test_a_result_is_complete_with_every_file_that_is_asked_for(clip: Path, tmp_path: Path) -> None:
     arguments = ("run", clip, "-o", tmp_path, *FAST)
     assert oppload(*arguments).returncode == 0
@@ -116,6 +119,7 @@ def test_a_span_without_a_frame_gives_nothing(clip: Path, tmp_path: Path) -> Non
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_an_annotated_video_of_a_batch_is_no_input(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = oppload("run", folder, "-o", out, "--annotate", "--jobs", "1", *FAST)
@@ -127,6 +131,7 @@ def test_an_annotated_video_of_a_batch_is_no_input(folder: Path, tmp_path: Path)
         assert "annotated.mp4" not in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_an_interrupted_run_leaves_a_video_that_plays(tmp_path: Path) -> None:
     film = write_film(tmp_path / "film.avi", times=20)

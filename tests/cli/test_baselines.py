@@ -50,6 +50,7 @@ def test_the_frame_difference_is_the_luminance_change(clip: Path, tmp_path: Path
         assert row["frame_difference_response"] == row["luma_change"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_plot(name: str, clip: Path, tmp_path: Path) -> None:
     oppload("run", clip, "-o", tmp_path, "-q", "--no-rmo", "--model", name)
@@ -62,6 +63,7 @@ def test_plot(name: str, clip: Path, tmp_path: Path) -> None:
     assert f"stroke: {detector.colour.lower()}" in drawn
 
 
+@pytest.mark.long
 def test_annotate(clip: Path, tmp_path: Path) -> None:
     done = oppload(
         "run", clip, "-o", tmp_path, "-q", "--no-rmo", "--annotate",

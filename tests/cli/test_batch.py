@@ -87,6 +87,7 @@ def same_results(folder: Path, other: Path) -> None:
     assert not list(folder.glob("*.part"))
 
 
+@pytest.mark.long
 def test_a_batch_gives_the_bytes_of_a_run(clips: Path, one_by_one: Path, tmp_path: Path) -> None:
     alone = oppload("run", clips / "clip3.avi", "-o", tmp_path, *FAST)
     assert alone.returncode == 0
@@ -94,6 +95,7 @@ def test_a_batch_gives_the_bytes_of_a_run(clips: Path, one_by_one: Path, tmp_pat
     assert tables(tmp_path).items() <= tables(one_by_one).items()
 
 
+@pytest.mark.long
 def test_two_processes_give_the_bytes_of_one_and_a_bar_that_names_their_inputs(
     clips: Path, one_by_one: Path, tmp_path: Path
 ) -> None:
@@ -110,6 +112,7 @@ def test_two_processes_give_the_bytes_of_one_and_a_bar_that_names_their_inputs(
     assert "all                 12" in said
 
 
+@pytest.mark.long
 def test_failures_spare_the_others_and_are_tried_again(clips: Path, tmp_path: Path) -> None:
     bad, out = tmp_path / "it's bad.mp4", tmp_path / "out"
     bad.write_text("not a video\n" * 100)
@@ -294,6 +297,7 @@ def children(run: subprocess.Popen[str]) -> list[int]:
     return [int(pid) for pid in pids if b"spawn_main" in Path("/proc", pid, "cmdline").read_bytes()]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="lists processes as Linux does")
 @pytest.mark.parametrize("whole_group", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_an_interrupt_ends_every_process_and_keeps_finished_results(
@@ -318,6 +322,7 @@ def test_an_interrupt_ends_every_process_and_keeps_finished_results(
             os.kill(pid, 0)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="lists processes as Linux does")
 def test_a_process_that_dies_takes_one_input_along(films: Path, tmp_path: Path) -> None:
     run = started(films, tmp_path)
@@ -475,6 +480,7 @@ def test_live_inputs_that_would_wait_for_ever_are_announced(
         assert (advice in done.stderr) == waits
 
 
+@pytest.mark.long
 def test_of_many_detectors_each_has_a_row(tmp_path: Path) -> None:
     for name in ("a.avi", "b.avi"):
         write_video(tmp_path / name, grey_frames(6))
@@ -496,6 +502,7 @@ def test_of_many_detectors_each_has_a_row(tmp_path: Path) -> None:
     assert not any(word in off for word in ("had an alarm", "peak", "OppLoD"))
 
 
+@pytest.mark.long
 def test_remarks_on_frame_rates_belong_to_every_batch(tmp_path: Path) -> None:
     slow = write_video(tmp_path / "slow0.avi", grey_frames(8), rate=5)
     for number in range(1, 12):

@@ -27,6 +27,7 @@ def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_row_per_input_and_model(results: Path, clip: Path, tmp_path: Path) -> None:
     done = oppload("collect", results, "-o", tmp_path / "all.csv")
     assert (done.returncode, done.stdout) == (0, "")

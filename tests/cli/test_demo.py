@@ -3,12 +3,15 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import pytest
+
 from tests.cli.inside import oppload, words_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 
+@pytest.mark.long
 def test_the_demo_alarms_before_contact_and_its_lines_give_the_same(tmp_path: Path) -> None:
     done = oppload("demo", "-o", "demo", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -154,6 +154,7 @@ def test_a_folder_that_cannot_be_written(clip: Path, tmp_path: Path) -> None:
     assert (done.returncode, "cannot be written" in done.stderr) == (2, True)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
 def test_a_reader_that_goes_is_no_bug(clip: Path) -> None:
     read, write = os.pipe()
@@ -253,6 +254,7 @@ def test_a_file_that_looks_like_an_option(clip: Path, tmp_path: Path) -> None:
     assert "begins with a dash" not in process.oppload("run", "-dish.avi", cwd=tmp_path).stderr
 
 
+@pytest.mark.long
 def test_a_disk_that_is_full(clip: Path) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
@@ -268,6 +270,7 @@ SHORT = ("--change", "timing.motion_s=0.1")
 CLOSED = ("sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh")  # closes the standard streams
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX shell")
 def test_closed_standard_streams_are_no_bug(clip: Path, tmp_path: Path) -> None:
     codes = {

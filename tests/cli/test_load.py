@@ -58,6 +58,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     sys.modules.pop("loaded_own", None)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_a_loaded_detector_runs_also_in_other_processes(own: Path, tmp_path: Path) -> None:
     frames = grey_frames(9)
@@ -201,6 +202,7 @@ def test_a_step_that_fails_names_the_detector_and_leaves_no_file(own: Path, tmp_
     assert "oppload: a.avi: detector 'darkening': its step failed" in both.stderr
 
 
+@pytest.mark.long
 def test_a_detector_that_another_file_registers_is_enough(tmp_path: Path) -> None:
     """A file of --load may only import the modules that register detectors."""
     (tmp_path / "study.py").write_text(DETECTOR)
@@ -210,6 +212,7 @@ def test_a_detector_that_another_file_registers_is_enough(tmp_path: Path) -> Non
     assert "darkening" in done.stdout
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(
     own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -183,6 +183,7 @@ def test_a_contact_after_the_end_is_given_in_seconds(tmp_path: Path) -> None:
     assert oppload("plot", table, "--contact", seconds).returncode == 0
 
 
+@pytest.mark.long
 def test_one_figure_beside_each_result(tmp_path: Path) -> None:
     paths = [write_result(tmp_path / f"{name}.frames.csv") for name in "ab"]
     done = oppload("plot", *paths, "--onset", "f10", "--contact", "1.5")
@@ -253,6 +254,7 @@ def test_lists_and_collected_tables_are_no_results(tmp_path: Path) -> None:
     assert done.stdout == f"{tmp_path / 'a.frames.png'}\n"
 
 
+@pytest.mark.long
 def test_the_settings_of_matplotlib_of_a_user_change_nothing(tmp_path: Path) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     settings = tmp_path / "matplotlibrc"
@@ -315,6 +317,7 @@ def test_detectors_may_be_named_with_commas(tmp_path: Path) -> None:
     assert figures[0] == figures[1]
 
 
+@pytest.mark.long
 def test_a_flat_video_gives_zeros(tmp_path: Path) -> None:
     import numpy as np
 
@@ -341,6 +344,7 @@ def test_a_damaged_ground_truth_is_left_out_and_told(tmp_path: Path) -> None:
     assert (tmp_path / "a.png").exists()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_a_result_without_a_response_does_not_keep_the_others_from_being_drawn(
     tmp_path: Path,

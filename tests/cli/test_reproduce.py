@@ -90,10 +90,12 @@ def one_figure(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_page_holds_statement_measurement_verdict_and_command(one_figure: Path) -> None:
     check_page(one_figure, ["rmo-definition"])
 
 
+@pytest.mark.long
 def test_the_report_says_the_same(one_figure: Path) -> None:
     report: dict[str, Any] = json.loads((one_figure / "report.json").read_text())
     assert report["schema"] == "oppload.reproduction/1"
@@ -106,11 +108,13 @@ def test_the_report_says_the_same(one_figure: Path) -> None:
     assert parts["verdict"] == [one["verdict"] for one in found]
 
 
+@pytest.mark.long
 def test_a_browser_shows_the_figure(one_figure: Path, browser: Browser) -> None:
     browser.open(one_figure / "index.html")
     assert browser.pictures() == 1
 
 
+@pytest.mark.long
 def test_figures_in_another_format_are_written_as_they_are_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

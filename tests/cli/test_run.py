@@ -34,6 +34,7 @@ def result(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_table(result: Path) -> None:
     text = (result / "loom.frames.csv").read_text()
     assert text.startswith(HEADER + "\n0,0,,,0,,,,,,,,0,,,,,,,\n1,0.0333333333,")
@@ -57,6 +58,7 @@ def test_the_table(result: Path) -> None:
     assert not list(result.glob("*.part"))
 
 
+@pytest.mark.long
 def test_the_sidecar(result: Path, clip: Path) -> None:
     sidecar: dict[str, Any] = json.loads((result / "loom.oppload.json").read_text())
     assert sidecar["schema"] == "oppload.result/2"
@@ -80,6 +82,7 @@ def test_the_sidecar(result: Path, clip: Path) -> None:
         assert summary["first_alarm_frame"] == first
 
 
+@pytest.mark.long
 def test_the_same_input_gives_the_same_bytes_on_standard_output_and_nothing_else(
     result: Path, clip: Path
 ) -> None:
@@ -109,6 +112,7 @@ def test_options_reach_the_models(clip: Path, tmp_path: Path) -> None:
     assert sidecar["decode"]["complete"] is True
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "options",
     [
@@ -145,6 +149,7 @@ def test_preset_paper_runs_at_its_own_height(clip: Path, tmp_path: Path) -> None
     assert (sidecar["preset"], sidecar["working"]["height"]) == ("paper", 600)
 
 
+@pytest.mark.long
 def test_a_cadence_of_repeats_is_told(tmp_path: Path) -> None:
     pictures = grey_frames(30, seed=2)
     write_video(tmp_path / "cadence.avi", [each for each in pictures for _ in range(2)])
@@ -178,6 +183,7 @@ def test_a_folder_says_what_it_leaves_out_unless_it_is_searched(tmp_path: Path) 
         assert "-r" in more or "1 input: 1 to run, 0 to skip" in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_the_details_show_why_an_alarm_did_or_did_not_come(tmp_path: Path) -> None:
     y, x = np.mgrid[:90, :120]
@@ -205,6 +211,7 @@ def test_the_details_show_why_an_alarm_did_or_did_not_come(tmp_path: Path) -> No
     assert oppload("plot", tmp_path / "loom.frames.csv").returncode == 0
 
 
+@pytest.mark.long
 def test_a_small_video_that_is_enlarged_is_told(tmp_path: Path) -> None:
     path = write_video(tmp_path / "small.avi", grey_frames(12, 32, 24))
     words = ("--no-rmo", "-o", tmp_path, "--if-exists", "overwrite", "--height")
@@ -219,6 +226,7 @@ def test_an_address_that_does_not_answer_is_told_as_one(tmp_path: Path) -> None:
     assert (done.returncode, "; check the address" in done.stderr) == (3, True)
 
 
+@pytest.mark.long
 def test_a_rate_that_the_times_contradict_does_not_count_repeats(tmp_path: Path) -> None:
     pictures = [each for each in grey_frames(30, seed=2) for _ in range(2)]
     times = [index * 40 for index in range(60)]
@@ -231,6 +239,7 @@ def test_a_rate_that_the_times_contradict_does_not_count_repeats(tmp_path: Path)
     assert decode["pictures_per_s"] == pytest.approx(12.5)
 
 
+@pytest.mark.long
 def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None:
     folder = tmp_path / "frames"
     folder.mkdir()
@@ -288,6 +297,7 @@ def test_a_video_in_slow_motion_gives_the_results_of_its_true_rate(tmp_path: Pat
         )
 
 
+@pytest.mark.long
 def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:
     """Without a note, the missing alarm would look like safety, also in a batch."""
     for name, count in (("short.avi", 5), ("other.avi", 6)):
@@ -304,6 +314,7 @@ def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:
         assert "too short" not in done.stderr
 
 
+@pytest.mark.long
 def test_a_run_in_which_nothing_could_respond_says_so(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.avi", grey_frames(20))
     words = ("--no-rmo", "--if-exists", "overwrite", "-o", tmp_path)
@@ -371,6 +382,7 @@ def test_a_result_that_lacks_rows_is_not_kept(clip: Path, tmp_path: Path) -> Non
         assert table.read_text() == content
 
 
+@pytest.mark.long
 def test_a_truncated_input_is_done_but_incomplete(tmp_path: Path) -> None:
     images = grey_frames(40, width=320, height=240)
     whole = write_video(tmp_path / "a.avi", images, codec="mpeg4", pixel_format="yuv420p")
@@ -390,6 +402,7 @@ def test_a_truncated_input_is_done_but_incomplete(tmp_path: Path) -> None:
         assert "cut.avi: incomplete" in kept.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case",
     [("alarm", "1e-6", 5), ("no-alarm", "1e-6", 0), ("alarm", "1e6", 0), ("no-alarm", "1e6", 5)],

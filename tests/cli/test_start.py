@@ -86,6 +86,7 @@ def test_info_names_the_versions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert facts["libraries"]["opencv-python-headless"].startswith(cv2.__version__)
 
 
+@pytest.mark.long
 def test_the_process_exits_with_everything_printed_and_registered_functions_called() -> None:
     first = "import atexit; atexit.register(print, 'at exit')"
     done = python(f"{first}\n{ENTRY}", "models", "--json")
@@ -94,6 +95,7 @@ def test_the_process_exits_with_everything_printed_and_registered_functions_call
     assert rest.strip() == "at exit"
 
 
+@pytest.mark.long
 def test_a_run_loads_its_detectors_alone() -> None:
     code = (
         "import sys\n"

@@ -29,6 +29,7 @@ def faint(done: Done) -> list[str]:
     )
 
 
+@pytest.mark.long
 def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = oppload(
@@ -50,6 +51,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path) -> No
     assert (out / names[2]).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_a_classic_figure_is_drawn_as_its_kind(tmp_path: Path) -> None:
     arguments = ("tune", "--figure", "peak-time", "--over", "l/v=10,30,50", "-o", tmp_path,
@@ -96,6 +98,7 @@ def test_a_detector_that_hardly_responds_is_named(stimulus: Path, tmp_path: Path
     assert "is below a tenth of the floor of its alarm, 0.0008," in done.stderr
 
 
+@pytest.mark.long
 def test_a_sweep_that_no_plot_shows_leaves_its_table(stimulus: Path, tmp_path: Path) -> None:
     done = oppload(
         "tune", stimulus, "-o", tmp_path / "out", "--jobs", "1", "--model", "opplod",

@@ -56,6 +56,7 @@ def of(name: str, preset: str) -> list[int]:
     return alarms(StimulusVideo(protocol, HEIGHT), preset)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SOME)
 def test_a_control_gives_no_alarm(name: str) -> None:
     assert of(name, "default") == []
@@ -111,6 +112,7 @@ def leads(
     return found[0], found[1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "changes", "lead_s", "without_s"),
     [
@@ -135,6 +137,7 @@ def test_a_view_that_moves_does_not_hide_an_approach(
     assert without == without_s
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("noise", "rate", "lead_s", "without_s"),
     [
@@ -172,6 +175,7 @@ FAST = {  # controls with an alarm at other frame rates, as docs/time.md says
 }
 
 
+@pytest.mark.long
 def test_a_re_encoded_pause_before_a_control_is_no_background(tmp_path: Path) -> None:
     """The encoder changes a still picture a little, and so gives small values of R."""
     [protocol] = stimulus.load_all("controls/dots-coherence/coherence-0.25")
@@ -195,6 +199,7 @@ def test_controls_at_other_frame_rates(name: str, preset: str, rate: int) -> Non
         assert bool(alarms(StimulusVideo(protocol, HEIGHT), preset)) == alarmed, protocol.name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("l_over_v", "centre"),
     [

@@ -168,6 +168,7 @@ def case(scene: str, *more: str, likened: frozenset[str] = LONGER) -> Any:
     return pytest.param(scene, *more, marks=[pytest.mark.slow] if scene in likened else [])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scene", "preset"),
     [
@@ -203,6 +204,7 @@ def test_out_of_rest_no_alarm_before_the_models_have_a_memory(preset: str) -> No
     assert not first & set(without(moving, preset))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("speed", "sigma", "seed"),
     [
@@ -266,6 +268,7 @@ def test_a_looming_disk_over_a_ground_at_rest_alarms(ground: str, preset: str) -
     assert 40 <= on[0] <= 52
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("speed", [4, 8])
 def test_a_looming_disk_over_a_ground_that_moves_alarms(speed: int) -> None:
     """The motion of the ground hides the disk, unless the view is steady."""
@@ -276,6 +279,7 @@ def test_a_looming_disk_over_a_ground_that_moves_alarms(speed: int) -> None:
     assert alarms(film, "default", steady_view=False) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_looming_disk_after_a_cut_alarms(preset: str) -> None:
     behind = np.ones((SIZE, SIZE), np.float32)
@@ -283,6 +287,7 @@ def test_a_looming_disk_after_a_cut_alarms(preset: str) -> None:
     assert BEFORE + 40 <= alarms(shown, preset)[0] <= BEFORE + 52
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_beginning_of_a_video_gives_the_same_alarms(preset: str) -> None:
     shown = scenes.looming_over([np.ones((SIZE, SIZE), np.float32)] * 60)
@@ -335,6 +340,7 @@ def shaken_alarms(
     return sum(frame - 1 not in on for frame in on)
 
 
+@pytest.mark.long
 def test_a_jerk_of_the_camera_starts_no_alarm() -> None:
     """A shaking camera gives a large response in a frame alone; that to an approach grows."""
     assert shaken_alarms(4, 5, 2, at_once=True) == 1

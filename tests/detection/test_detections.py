@@ -145,6 +145,7 @@ def test_a_box_ends_at_the_right_and_the_lower_edge_of_a_wide_frame() -> None:
     assert (found.centre_x, found.centre_y) == (120, 70)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("grey", "left", "right", "share"),
     [

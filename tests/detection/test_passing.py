@@ -45,6 +45,7 @@ def plain() -> Luma:
     return np.full((HEIGHT, WIDTH), 0.7, np.float32)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["post", pytest.param("box", marks=pytest.mark.slow)])
 def test_an_object_that_leaves_at_10_px_per_frame_is_no_approach(kind: str) -> None:
     assert peak(kind, 160, 10, plain()) < 1
@@ -53,6 +54,7 @@ def test_an_object_that_leaves_at_10_px_per_frame_is_no_approach(kind: str) -> N
     assert peak(kind, 160, 10, plain(), passing=0, entering=0) > 5
 
 
+@pytest.mark.long
 def test_the_edge_of_a_bar_is_one_of_the_frame() -> None:
     ground = plain()
     ground[:, :60] = ground[:, -60:] = 0.1  # as dark as the object, which passes behind them
@@ -68,6 +70,7 @@ CASES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "width", "speed"), CASES)
 def test_an_object_that_passes_is_no_approach(kind: str, width: int, speed: float) -> None:
     for ground in (plain(), np.asarray(0.4 + 0.5 * texture(HEIGHT, WIDTH, 4), np.float32)):

@@ -50,6 +50,7 @@ def first_alarms(name: str, l_over_v: int | None = None) -> Leads:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "l_over_v",
     [each if each == 40 else pytest.param(each, marks=pytest.mark.slow) for each in DISKS],

@@ -28,6 +28,7 @@ def check(found: Measured, share: float) -> None:
     assert max(found.focus) < 0.05 * 360
 
 
+@pytest.mark.long
 def test_a_disk_of_the_catalogue() -> None:
     check(over("disk, l/v 60 ms"), 0.5)
 

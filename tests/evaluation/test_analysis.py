@@ -42,6 +42,7 @@ def test_the_times_of_a_clip_in_slow_motion_are_those_of_its_camera(tmp_path: Pa
         assert clip.time_s == pytest.approx(np.arange(30) / 100), name
 
 
+@pytest.mark.long
 def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
     path = labelled / "beside.avi"
     # Two OppLoDs of the same size, and one of another, in step.
@@ -91,6 +92,7 @@ def test_detectors_share_a_pass_if_their_alarms_are_the_same() -> None:
     assert [len(group) for group in _groups([one, other])] == [1, 1]
 
 
+@pytest.mark.long
 def test_within_a_second_of_contact_the_evidence_is_ten_times_the_response() -> None:
     default, *_ = evaluated_detectors(["opplod:default"])
     entry = Entry(2, load("controls/looming-patch"), Label("patch", 10, 66))
@@ -104,6 +106,7 @@ def test_within_a_second_of_contact_the_evidence_is_ten_times_the_response() -> 
     assert np.array_equal(found.evidence[~near], found.response[~near], equal_nan=True)
 
 
+@pytest.mark.long
 def test_a_detector_whose_alarms_are_off_is_not_one_without_a_false_alarm() -> None:
     off = replace(SMALL[0], alarm=alarm_params("paper"))
     ((clip, _),) = analyse_clips([Entry(2, load("controls/static-texture"), Label("still"))], [off])
@@ -131,6 +134,7 @@ def test_the_flow_skips_repeats(tmp_path: Path) -> None:
     assert np.isnan(found[0])
 
 
+@pytest.mark.long
 def test_a_contact_without_any_response(labelled: Path) -> None:
     labels = [Label("a", 45, 90), Label("a", 0, 2), Label("a", 0, 3)]
     entries = [Entry(2, labelled / "centre.avi", label) for label in labels]

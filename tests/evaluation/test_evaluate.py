@@ -91,6 +91,7 @@ def figures_of(folder: Path) -> dict[tuple[str, str, str], dict[str, str]]:
     }
 
 
+@pytest.mark.long
 def test_the_figures_of_looming_and_moving_disks(evaluated: Path) -> None:
     found = figures_of(evaluated)
     one, last = "at 1 per minute", "last second before contact"
@@ -120,6 +121,7 @@ def test_the_figures_of_looming_and_moving_disks(evaluated: Path) -> None:
     assert ("frame_difference", "place_inside", "all boxed frames") not in found
 
 
+@pytest.mark.long
 def test_responses_and_windows_give_the_figures_again(evaluated: Path) -> None:
     found = figures_of(evaluated)
     responses = rows_of(evaluated / "responses.csv")
@@ -235,6 +237,7 @@ def test_the_page_holds_every_figure_and_needs_no_other_file(evaluated: Path) ->
         assert picture.std() > 1
 
 
+@pytest.mark.long
 def test_a_browser_shows_every_picture(evaluated: Path, browser: Browser) -> None:
     page = evaluated / "evaluation.html"
     browser.open(page)
@@ -245,6 +248,7 @@ CUT = """return [...document.querySelectorAll('.wide')].filter(
     e => e.scrollWidth > e.clientWidth && getComputedStyle(e).overflowX !== 'visible').length"""
 
 
+@pytest.mark.long
 def test_no_table_is_cut_on_paper(evaluated: Path, browser: Browser) -> None:
     """On a phone, a table scrolls; paper cannot scroll."""
     for media, cut in (("screen", True), ("print", False)):
@@ -270,6 +274,7 @@ def test_the_same_clips_give_the_same_bytes(
     assert reports[0] == reports[1]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_faults_are_reported_and_the_rest_runs(labelled: Path, tmp_path: Path) -> None:
     for name in ("centre.avi", "moving.avi"):

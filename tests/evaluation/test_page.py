@@ -234,6 +234,7 @@ def test_boxes_and_strips_are_drawn_on_the_page(evaluation: Evaluation) -> None:
     assert (min(heights), heights.count(4)) == (4, 2)  # 5 and 3 times the threshold: cut at 3
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_nan_and_infinity_are_null_in_the_report(evaluation: Evaluation, tmp_path: Path) -> None:
     with claimed(tmp_path / "report.json", "error") as claim:

@@ -116,6 +116,7 @@ def test_many_equal_leads_stay_in_the_row_of_their_detector() -> None:
     assert np.abs(rows).max() == pytest.approx(0.42)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("clips", "words"),
     [
@@ -138,6 +139,7 @@ def test_plots_without_approaches_or_false_alarms_say_so(
     assert said == words
 
 
+@pytest.mark.long
 def test_many_kinds_of_motion_fit_into_their_plot() -> None:
     clips = [clip(peaks(100, {50: 1.0}), motion=f"kind {number}") for number in range(20)]
     found = measured(clips, NAME, draws_of([False] * 20, 100))
@@ -148,6 +150,7 @@ def test_many_kinds_of_motion_fit_into_their_plot() -> None:
     assert not any(first.overlaps(second) for first, second in itertools.pairwise(labels))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("plot", PLOTS)
 def test_many_detectors_and_a_long_name_fit_into_a_plot(plot: str) -> None:
     names = [f"a_detector_of_ours_{number}" for number in range(22)]

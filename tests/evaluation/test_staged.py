@@ -31,6 +31,7 @@ CHANGES = [f"{key}={value}" for key, value in SMALL.items()]
 MISS = "staged/near-miss/background-street_miss-sizes-2_side-left_speed-m-8"
 
 
+@pytest.mark.long
 def test_the_benchmark_has_300_clips_in_two_parts() -> None:
     names = [protocol.name for protocol in stimulus.load_all("staged/*")]
     assert len(names) >= 300
@@ -96,6 +97,7 @@ contact_s = {3}
 """
 
 
+@pytest.mark.long
 def test_approaches_one_after_the_other_are_measured_each(tmp_path: Path) -> None:
     disks = [DISK.format(f"d{i}", 20 * (-1) ** i, i / 2, i / 2 + 1.4) for i in range(4)]
     (tmp_path / "four.toml").write_text(FOUR + "".join(disks))
@@ -431,6 +433,7 @@ def test_what_does_not_go_together_is_refused(arguments: list[str], said: str) -
     assert said in done.stderr
 
 
+@pytest.mark.long
 def test_images_of_a_stimulus_have_its_label(tmp_path: Path) -> None:
     stimulus.write(stimulus.load(HIT, SMALL), tmp_path, form="png")
     (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())

@@ -28,6 +28,7 @@ def plain(times: list[float], values: list[float], reach: float, guard: float) -
     return float(np.median(counted)) if counted else 0.0
 
 
+@pytest.mark.long
 @settings(max_examples=120)
 @given(steps=STEPS, reach=st.integers(1, 40), guard=st.integers(0, 20))
 def test_it_is_a_plain_median(steps: list[tuple[int, float]], reach: int, guard: int) -> None:

@@ -87,6 +87,7 @@ def of_the_equations(scene: str) -> NDArray[np.float64]:
     return np.array(default_reference.responses(SCENES[scene]()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", SCENES)
 def test_responses_agree_with_the_equations(scene: str) -> None:
     expected = of_the_equations(scene)
@@ -113,6 +114,7 @@ def test_the_scenes_show_what_each_part_does(scene: str, without: dict[str, Any]
     assert np.abs(of_the_package(scene, **without) - usual).max() > 5e-3 * usual.max()
 
 
+@pytest.mark.long
 def test_a_scene_that_comes_to_rest_does_not_raise_the_response() -> None:
     peak, *after = of_the_package("flickering")[14:]
     assert all(earlier >= later for earlier, later in pairwise([peak, *after]))

@@ -96,6 +96,7 @@ def assert_equal(
         assert np.ptp(values) > 0 or name in still, f"{name} is the same in every frame"
 
 
+@pytest.mark.long
 def test_emd_lplc2_gf_is_the_literal_version() -> None:
     frames = scene("looming")[25:]
     assert_equal(answers("emd_lplc2_gf", frames), literal.emd_lplc2_gf(frames), 1e-9)
@@ -137,6 +138,7 @@ def test_hua_counts_the_delay_in_milliseconds() -> None:
     assert one == other
 
 
+@pytest.mark.long
 def test_mlplc2_is_the_literal_version() -> None:
     frames = textured(16, (60, 200))
     assert_equal(answers("mlplc2", frames), literal.mlplc2(frames), 1e-9)
@@ -151,6 +153,7 @@ def test_a_reset_forgets_everything() -> None:
         assert [model.step(each) for each in frames] == first, name
 
 
+@pytest.mark.long
 def test_emd_lplc2_gf_answers_to_looming_only() -> None:
     found = answers("emd_lplc2_gf", scene("looming"))
     assert max(each.active for each in found[1:]) > 50
@@ -227,6 +230,7 @@ def test_hua_fixed_answers_less_to_receding() -> None:
     assert 0 < receding < 0.2 * looming
 
 
+@pytest.mark.long
 def test_mlplc2_answers_to_drifting_texture_more_than_to_looming() -> None:
     looming, pan = (
         max(each.best_out for each in answers("mlplc2", scene(kind))[1:])

@@ -85,6 +85,7 @@ def centre_loom(each_arithmetic: None) -> tuple[float, int, float, float]:
     return strongest(looming(600, 300, 300, 26), FIELD_OF_200)
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_looming_disk_peaks_where_the_edge_leaves_the_field(
     centre_loom: tuple[float, int, float, float],
@@ -92,6 +93,7 @@ def test_looming_disk_peaks_where_the_edge_leaves_the_field(
     assert abs(centre_loom[1] - 22) <= 1
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_receding_disk(centre_loom: tuple[float, int, float, float]) -> None:
     receding = strongest(looming(600, 300, 300, 26)[::-1], FIELD_OF_200)
@@ -135,6 +137,7 @@ def check_constancy(count: int) -> None:
     assert error <= 10
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_peak_and_place_do_not_depend_on_the_position() -> None:
     check_constancy(6)

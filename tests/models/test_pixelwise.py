@@ -72,12 +72,14 @@ def test_the_grid_covers_the_frame() -> None:
     assert model.judgement.tops == [0, 100, 200, 300, 400]
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_weakness_inward_motion_is_taken_for_outward() -> None:
     outward = looming(600, 300, 300, 26)
     assert peak(outward[::-1]) >= 0.7 * peak(outward)
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_weakness_an_object_five_px_off_a_centre_loses_most_of_the_response() -> None:
     centre = peak(looming(600, 300, 300, 26))

@@ -333,6 +333,7 @@ def test_lgmd_plus_gates_weak_changes() -> None:
     assert peak(answers("lgmd_plus", BRIGHT)) > 1.5 * peak(answers("lgmd_plus", growing(-0.99)))
 
 
+@pytest.mark.long
 def test_plgmd_depends_on_its_seed_alone_and_scatters() -> None:
     again = answers("plgmd", DARK, runs=8), answers("plgmd", DARK, runs=8)
     assert again[0] == again[1]

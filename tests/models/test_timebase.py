@@ -324,6 +324,7 @@ def test_a_looming_disk_has_the_same_peak_at_any_rate(name: str, rate: float, mo
     assert 1 / most <= here / there <= most
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", ["reference", "default"])
 def test_a_shorter_interval_sees_faster_motion_as_1_30_s_sees_slower_motion(preset: str) -> None:
     """The same frames at 3.3 times the rate, over 0.01 s; without adaptation, as it has seconds."""
@@ -355,6 +356,7 @@ def peak_of_the_default(rate: int, l_over_v_ms: int) -> float:
     return max(each.response for each in found if each)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rate", "l_over_v_ms"),
     [
@@ -436,6 +438,7 @@ def test_the_slow_suppression_begins_alike_at_any_rate(rate: int) -> None:
     assert found[1] == pytest.approx(found[0], rel=1e-5)
 
 
+@pytest.mark.long
 def test_the_adaptation_begins_alike_at_any_rate() -> None:
     """A disk that grows from the first frame on has its peak where the adaptation begins."""
     peaks = {}
@@ -504,6 +507,7 @@ def test_a_pause_before_changes_nothing() -> None:
     assert max(paused[:3]) < 1e-4 * max(without)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "rate", [25, *(pytest.param(each, marks=pytest.mark.slow) for each in (30, 36, 50, 100)), 120]
 )

@@ -89,6 +89,7 @@ def growing_disk() -> Luma:
     return np.array([disk(120, 60, 60, radius) for radius in radii])
 
 
+@pytest.mark.long
 @pytest.mark.once
 @pytest.mark.parametrize("preset", [DEFAULT, REFERENCE], ids=["default", "reference"])
 def test_with_pictures_in_between_the_peak_at_15_frames_per_s_is_as_at_30(
@@ -107,6 +108,7 @@ def test_with_pictures_in_between_the_peak_at_15_frames_per_s_is_as_at_30(
     assert peaks["none", 2] / peaks["none", 1] < 0.8
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_there_are_no_pictures_in_between_where_the_machine_was_too_slow_for_a_frame() -> None:
     """They would take time in which the next frame is dropped; the index shows the gap."""
@@ -140,6 +142,7 @@ def test_there_are_no_pictures_in_between_where_the_machine_was_too_slow_for_a_f
     assert found[every, True, "earlier"] == found[second, False, "earlier"] != without
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_what_shares_layers_gets_no_pictures_in_between() -> None:
     """D-LGMD and OppLoD share layers only until the first picture in between."""
@@ -151,6 +154,7 @@ def test_what_shares_layers_gets_no_pictures_in_between() -> None:
         assert both.step(*frame).responses == expected
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_a_cut_at_a_low_rate_causes_no_alarm() -> None:
     """The pictures between two scenes are blends; they are blind like the frame after them."""
@@ -162,6 +166,7 @@ def test_a_cut_at_a_low_rate_causes_no_alarm() -> None:
     assert not any(record.alarms["opplod"] for record in records)
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_a_rest_before_motion_keeps_the_times_in_order() -> None:
     """Exact repeats are shown to the detectors late; no picture comes before them."""

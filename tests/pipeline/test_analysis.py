@@ -153,6 +153,7 @@ def test_a_near_repeat_holds_the_object_and_counts_its_time_down(tmp_path: Path)
     assert held >= 8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "pictures", [12, *(pytest.param(each, marks=pytest.mark.slow) for each in (20, 24))]
 )
@@ -195,6 +196,7 @@ def test_motion_after_a_still_start_is_answered_at_once(tmp_path: Path, pause: i
         assert record.responses["dlgmd"] == model.step(frame.astype(np.float32) / np.float32(255))
 
 
+@pytest.mark.long
 def test_repeats_before_the_cadence_is_known_leave_no_trace() -> None:
     """12 pictures/s in 30 frames/s, with noise: after frame 10 the responses are the same."""
     disks = np.array(looming(120, 60, 60, 24))
@@ -220,6 +222,7 @@ def test_a_response_that_was_given_never_goes_back_to_empty(copies: int) -> None
         assert given[-1]
 
 
+@pytest.mark.long
 def test_the_calcium_signal_outlasts_the_motion() -> None:
     """It stays while frames may be repeats, and then falls with its time constant of 1 s."""
     pictures = looming(120, 60, 60, 14)
@@ -299,6 +302,7 @@ def test_a_second_pause_is_shown_to_the_models_with_its_own_times() -> None:
     assert largest > 0.01
 
 
+@pytest.mark.long
 def test_pictures_that_last_two_frames_and_three_change_by_equal_intervals() -> None:
     """Each of 12 pictures/s in 30 frames/s is compared with the picture 1/12 s before."""
     pictures = np.array(eight_bits([disk(60, 30, 30, 5 + t) for t in range(20)]))
@@ -309,6 +313,7 @@ def test_pictures_that_last_two_frames_and_three_change_by_equal_intervals() -> 
     assert changes[8:] == pytest.approx([each.luma_change for each in own][8:], rel=0.03)
 
 
+@pytest.mark.long
 def test_growth_is_measured_over_an_interval_at_a_high_frame_rate() -> None:
     """From frame to frame, at 240 frames/s, noise is as large as the growth."""
     grain = np.random.default_rng(1).normal(0, 0.006, (90, 120, 120))
@@ -379,6 +384,7 @@ def approach() -> Frames:
 TIMES = np.arange(34) / 30 + np.random.default_rng(2).uniform(-0.004, 0.004, 34)
 
 
+@pytest.mark.long
 def test_frames_one_by_one_give_the_results_of_the_array() -> None:
     """Times may begin anywhere, and the caller may overwrite a frame after its step."""
     frames = approach()
@@ -407,6 +413,7 @@ def undisturbed() -> list[FrameRecord]:
     return [analysis.step(*each) for each in zip(approach(), TIMES, strict=True)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("frame", "late_s"),
     [
@@ -432,6 +439,7 @@ def test_one_wrong_time_costs_neither_alarm_nor_time_to_contact(
         assert after == pytest.approx(expected, rel=0.13)
 
 
+@pytest.mark.long
 def test_an_alarm_ends_with_the_frames_before_a_gap() -> None:
     """The frames stop for ten seconds while the alarm is on, and the scene is another one then."""
     frames, log = approach(), AlarmLog("opplod")
@@ -465,6 +473,7 @@ def test_threads_that_share_an_analysis_take_turns(monkeypatch: pytest.MonkeyPat
     assert (sorted(each.frame for each in records), met) == ([0, 1, 2, 3], [False] * 4)
 
 
+@pytest.mark.long
 def test_objects_in_two_threads_do_not_disturb_each_other(undisturbed: list[FrameRecord]) -> None:
     def watched(_camera: int) -> list[FrameRecord]:
         analysis = Analysis((180, 320))
@@ -474,6 +483,7 @@ def test_objects_in_two_threads_do_not_disturb_each_other(undisturbed: list[Fram
         assert list(pool.map(watched, range(2))) == [undisturbed] * 2
 
 
+@pytest.mark.long
 def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
     analysis = Analysis((180, 320), height=90, fov=60)
     for index, frame in enumerate(approach()):
@@ -484,6 +494,7 @@ def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
     assert values["flow_vectors"] is None
 
 
+@pytest.mark.long
 def test_frames_of_a_source_have_the_degrees_of_frames_one_by_one() -> None:
     options: dict[str, Any] = {"fov": 60, "height": 90, "rmo": False}
     analysis = Analysis((180, 320), **options)
@@ -547,6 +558,7 @@ def test_times_of_another_unit_give_a_warning(per_second: float, apart: str) -> 
     assert unit == sentence
 
 
+@pytest.mark.long
 def test_the_remarks_are_those_of_the_sidecar() -> None:
     """8 pictures/s come twice each, one time goes back, and the declared rate is wrong."""
     frames = [frame for frame in eight_bits(looming(120, 60, 60, 16)) for _ in range(2)]
@@ -572,6 +584,7 @@ def test_the_remarks_are_those_of_the_sidecar() -> None:
     assert steady.remarks == []
 
 
+@pytest.mark.long
 def test_a_picture_that_stands_still_gives_a_remark() -> None:
     dead, frozen = Analysis((90, 120), height=90), Analysis((90, 120), height=90)
     for index in range(60):
@@ -586,6 +599,7 @@ def test_a_picture_that_stands_still_gives_a_remark() -> None:
     assert frozen.remarks == []
 
 
+@pytest.mark.long
 def test_pictures_without_contrast_give_a_remark() -> None:
     """A thermal camera of 14 bits uses a small part of 16."""
     raw, scaled = Analysis((180, 320)), Analysis((180, 320))
@@ -598,6 +612,7 @@ def test_pictures_without_contrast_give_a_remark() -> None:
     assert remark.startswith("all luminance lies between 0.107 and 0.120 of 0 (black) to 1 (white)")
 
 
+@pytest.mark.long
 @pytest.mark.once
 def test_with_little_contrast_an_alarm_comes_late_and_the_remark_says_so() -> None:
     """Images of 12 bits in 16 use 0 to 1/16 of the range."""
@@ -660,6 +675,7 @@ def test_wrong_frames_one_by_one() -> None:
     assert analysis.step(np.zeros((90, 120)), 5.0).time_s == 0  # the wrong frames did not count
 
 
+@pytest.mark.long
 def test_a_refused_frame_leaves_no_trace(undisturbed: list[FrameRecord]) -> None:
     analysis = Analysis((180, 320))
     wrong: list[Any] = [(None, 0.5), (np.full((180, 320), 2.0), 0.5), (approach()[5], np.nan)]
@@ -682,6 +698,7 @@ def test_the_start_at_ten_frames_per_second(still: int, blind_s: list[float]) ->
     assert [record.time_s for record in found if record.blind] == pytest.approx(blind_s)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("params", [REFERENCE, DEFAULT], ids=["reference", "default"])
 @pytest.mark.parametrize("rate", [24, 60])
 def test_a_pause_of_any_length_at_the_start_changes_nothing(rate: int, params: Parameters) -> None:

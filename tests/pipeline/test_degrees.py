@@ -49,6 +49,7 @@ def stimulus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(protocol, tmp_path_factory.mktemp("stimulus")).video
 
 
+@pytest.mark.long
 def test_a_field_of_view_that_the_ground_truth_contradicts_gives_a_remark(
     stimulus: Path, tmp_path: Path
 ) -> None:
@@ -61,6 +62,7 @@ def test_a_field_of_view_that_the_ground_truth_contradicts_gives_a_remark(
         assert (said in sidecar["remarks"]) == told
 
 
+@pytest.mark.long
 def test_a_damaged_or_foreign_ground_truth_is_left_out(stimulus: Path, tmp_path: Path) -> None:
     video = tmp_path / "clip.mkv"
     video.write_bytes(stimulus.read_bytes())
@@ -81,6 +83,7 @@ def test_a_damaged_or_foreign_ground_truth_is_left_out(stimulus: Path, tmp_path:
         assert ("error" in sidecar["stimulus"]) == bool(told)
 
 
+@pytest.mark.long
 def test_images_have_the_rate_and_the_degrees_of_the_ground_truth_beside_their_folder(
     stimulus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

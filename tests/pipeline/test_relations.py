@@ -61,6 +61,7 @@ def mirrored(table: pd.DataFrame, prefix: str, x: str, width: str, side: int) ->
     return table.assign(**changed)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize(("axis", "x", "size"), [(2, "x", "width"), (1, "y", "height")])
 def test_a_mirrored_video_has_a_mirrored_result(preset: str, axis: int, x: str, size: str) -> None:
@@ -76,6 +77,7 @@ def test_a_mirrored_video_has_a_mirrored_result(preset: str, axis: int, x: str, 
     assert_same(found.detections, mirrored(expected.detections, "", x, size, side))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 def test_dark_and_bright_count_alike(preset: str) -> None:
     frames = approach()
@@ -107,6 +109,7 @@ def test_a_video_of_twice_the_size_has_boxes_of_twice_the_size(preset: str) -> N
     assert_same(found.assign(**{name: found[name] / 2 for name in places}), expected, 1e-9)
 
 
+@pytest.mark.long
 def test_a_cut_leaves_no_trace_in_later_responses() -> None:
     frames = approach()
     pan = np.asarray([np.roll(texture(HEIGHT, WIDTH, 8), 2 * t, 1) for t in range(20)])

@@ -494,6 +494,7 @@ def test_pictures_that_are_coded_anew_are_repeats(
     assert repeats.pictures_per_s == pytest.approx(pictures, rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("crf", [0, pytest.param(23, marks=pytest.mark.slow), 35])
 def test_real_rest_is_not_taken_for_repeats(tmp_path: Path, crf: int) -> None:
     """Noise goes on at rest; motion that stops and goes on again does so slowly, or seldom."""
@@ -531,6 +532,7 @@ def shaken(name: str, seed: int, shake_hz: float, shake_deg: float) -> list[Repe
     return [repeats.step(frame.luma, frame.time_s) for frame in video]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("film", [(SHAKEN[0], 11, 5, 0.8), (SHAKEN[1], 12, 3, 0.8)])
 def test_a_camera_that_shakes_shows_no_repeats(film: tuple[str, int, float, float]) -> None:
     """Where it turns back, pictures change little; without a cadence they keep their times."""

@@ -254,6 +254,7 @@ def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> No
     ]
 
 
+@pytest.mark.long
 def test_the_legend_of_many_detectors_is_as_wide_as_the_figure(tmp_path: Path) -> None:
     values = {"disk.growth.l_over_v_ms": [20.0, 50, 80]}
     tuning = made(tmp_path / "a.tuning.csv", values, {name: [1.0, 2, 3] for name in detectors()})
@@ -350,6 +351,7 @@ def test_the_axes_of_a_high_map_are_inside_the_figure(stretch: float, tmp_path: 
         assert box.x1 < figure.bbox.x1
 
 
+@pytest.mark.long
 def test_a_map_that_falls_to_half_on_one_side_only(tmp_path: Path) -> None:
     side = np.array([-20.0, -15, -10, -5, 0, 5, 10, 15, 20])
     right, _ = np.meshgrid(side, side, indexing="xy")

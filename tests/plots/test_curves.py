@@ -168,6 +168,7 @@ def test_a_peak_outside_the_axis_leaves_the_panel_its_size(result: BaseResult) -
     assert sizes[1] == pytest.approx(sizes[0], abs=0.05)
 
 
+@pytest.mark.long
 def test_a_row_of_panels_keeps_its_height_and_its_label_under_a_long_legend(tmp_path: Path) -> None:
     rows = frame_rows()
     for row in rows:
@@ -211,6 +212,7 @@ def test_raw_responses_get_a_panel_each_with_their_unit(result: BaseResult) -> N
     assert np.nanmax(curve(second, 0)) == pytest.approx(0.039)
 
 
+@pytest.mark.long
 def test_small_panels_of_several_units_have_them_in_their_titles(tmp_path: Path) -> None:
     figure, axes = plot_curves(several(tmp_path, 4), scale="raw", threshold=False)
     assert figure.get_supylabel() == "response"
@@ -244,6 +246,7 @@ def test_more_than_six_curves_are_small_multiples_on_one_scale(tmp_path: Path) -
     assert figure.get_figwidth() == pytest.approx(PAGE)
 
 
+@pytest.mark.long
 def test_the_numbers_below_small_multiples_do_not_touch(tmp_path: Path) -> None:
     marks = {"contact": [1.75] * 7}
     results = several(tmp_path, 7)
@@ -268,6 +271,7 @@ def rows_of_eight() -> list[dict[str, str]]:
     return rows
 
 
+@pytest.mark.long
 def test_many_detectors_of_one_input_have_a_panel_each(tmp_path: Path) -> None:
     result = read_result(write_rows(tmp_path / "clip.frames.csv", rows_of_eight()))
     figure, axes = plot_curves(result, models=EIGHT)
@@ -289,6 +293,7 @@ def test_a_detector_without_a_threshold_has_a_panel_over_its_peak(tmp_path: Path
     assert figure.get_supylabel() == "response / alarm threshold"
 
 
+@pytest.mark.long
 def test_more_than_24_results_are_a_heat_map_of_bounded_size(tmp_path: Path) -> None:
     results = several(tmp_path, 70)
     figure, (opplod, dlgmd) = plot_curves(results, xlim=(0, 2))
@@ -309,6 +314,7 @@ def test_more_than_24_results_are_a_heat_map_of_bounded_size(tmp_path: Path) -> 
     assert (image.norm.vmin, image.norm.vmax) == (0.01, 100)
 
 
+@pytest.mark.long
 def test_each_row_of_a_heat_map_has_its_own_marks(tmp_path: Path) -> None:
     results = several(tmp_path, 25)
     onsets = [0.1 + 0.02 * number for number in range(25)]
@@ -342,6 +348,7 @@ def test_a_bin_of_time_shows_its_largest_value() -> None:
     assert _binned(time, value, 0.6, 0.8, 2).tolist() == [2, 2]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [25, 70])
 def test_long_names_leave_a_heat_map_its_width_and_lie_apart(tmp_path: Path, count: int) -> None:
     long = "a video with a rather long name, of the second camera in the cellar, copy"
@@ -371,6 +378,7 @@ def test_dollar_signs_in_the_words_of_a_detector_are_no_formula(
     assert all(text.count(r"\$") == text.count("$") == 2 for text in named)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scale", ["threshold", "raw"])
 def test_heat_maps_of_many_detectors_lie_apart_with_their_words(tmp_path: Path, scale: str) -> None:
     rows = rows_of_eight()
@@ -403,6 +411,7 @@ def test_a_title_of_wide_letters_is_not_cut(tmp_path: Path) -> None:
     assert title.get_window_extent().x1 <= figure.bbox.x1
 
 
+@pytest.mark.long
 def test_figures_are_bounded(tmp_path: Path) -> None:
     figure, _ = plot_curves(several(tmp_path, 10), scale="raw")
     assert figure.get_figheight() <= MOST_HEIGHT
@@ -436,6 +445,7 @@ def test_numbers_of_four_digits_have_no_exponent(tmp_path: Path) -> None:
         plot_curves(late, xlim=(0, 1))
 
 
+@pytest.mark.long
 def test_labels_of_marks_share_a_row_unless_they_would_overlap(result: BaseResult) -> None:
     for onset, contact, together in ((0.5, 1.6, True), (1.0, 1.1, True), (1.75, 1.85, False)):
         figure, (panel,) = plot_curves(result, marks={"onset": [onset], "contact": [contact]})
@@ -579,6 +589,7 @@ def test_the_label_of_a_mark_lies_on_no_curve(contact: float, tmp_path: Path) ->
                 assert not np.any((y > box.y0) & (y < box.y1)), (scale, line.get_label())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("suffix", sorted(METADATA))
 def test_the_same_input_gives_the_same_bytes(
     suffix: str, result: BaseResult, tmp_path: Path
@@ -592,6 +603,7 @@ def test_the_same_input_gives_the_same_bytes(
     assert len(made[0]) > 5000
 
 
+@pytest.mark.long
 def test_panels_do_not_move_by_an_error_of_rounding(tmp_path: Path) -> None:
     """The solver of the layout errs by 1e-16 or so, and not always alike."""
     results = [read_result(write_result(tmp_path / f"{name}.frames.csv")) for name in "ab"]
@@ -638,6 +650,7 @@ def test_the_parameters_of_the_alarm_come_from_the_sidecar(tmp_path: Path) -> No
         plot_curves(read_result(path))
 
 
+@pytest.mark.long
 def test_panels_have_one_time_axis(tmp_path: Path) -> None:
     """Warm-ups differ, so that the curves of a result begin at different times."""
     rows = frame_rows()
@@ -703,6 +716,7 @@ def test_a_threshold_below_the_largest_curve_of_the_panel_is_drawn(tmp_path: Pat
     ]
 
 
+@pytest.mark.long
 def test_the_notes_of_small_multiples_are_inside_the_figure(tmp_path: Path) -> None:
     rows = frame_rows()
     for row in rows:
@@ -736,6 +750,7 @@ def test_a_figure_can_be_pickled(tmp_path: Path) -> None:
     assert panel.yaxis.get_major_formatter()(0.01, None) == "≤0.01"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("contact", "count"), [(1000.0, 1), (50000.0, 7)])
 def test_times_far_from_zero_do_not_overlap(tmp_path: Path, contact: float, count: int) -> None:
     results = [read_result(write_result(tmp_path / f"{n}.frames.csv")) for n in range(count)]
@@ -757,6 +772,7 @@ def test_times_far_from_zero_do_not_overlap(tmp_path: Path, contact: float, coun
     assert float(labels[0].get_text().replace("\N{MINUS SIGN}", "-")) < 3 - contact
 
 
+@pytest.mark.long
 def test_a_legend_is_as_wide_in_a_figure_of_few_pixels(tmp_path: Path) -> None:
     name = "a name of a clip that fills the line of it"
     figure, _ = plot_curves(result_in(tmp_path), models=["opplod"], title=name)

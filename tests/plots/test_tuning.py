@@ -176,6 +176,7 @@ def test_one_number_makes_a_line(tmp_path: Path) -> None:
     assert read_tuning(tuning.path).name == tuning.name == "klapoetke2017/bar-expand-10"
 
 
+@pytest.mark.long
 def test_raw_peaks_have_complete_numbers_along_their_axis(tmp_path: Path) -> None:
     """The legend lies where matplotlib writes a common factor such as 1e-7."""
     names = list(detectors())[:5]  # too many for panels one above another
@@ -257,6 +258,7 @@ def test_many_lines_leave_their_panel_room(tmp_path: Path) -> None:
 SEVEN_AND_MANY = pytest.mark.parametrize("count", [7, pytest.param(19, marks=pytest.mark.slow)])
 
 
+@pytest.mark.long
 @SEVEN_AND_MANY
 def test_more_than_six_lines_have_a_small_panel_each(count: int, tmp_path: Path) -> None:
     peaks = {name: [4.0, 2, 1] for name in list(detectors())[:count]}
@@ -315,6 +317,7 @@ def test_the_foot_of_a_figure_says_how_it_was_measured(kind: str, tmp_path: Path
     assert figure.get_figheight() > before.get_figheight()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["polar", "line"])
 def test_the_foot_lies_below_the_label_of_small_panels(kind: str, tmp_path: Path) -> None:
     names = [name for name in detectors() if name != "opplod"][:7]
@@ -479,6 +482,7 @@ def test_a_heat_map_over_several_decades_is_logarithmic(tmp_path: Path) -> None:
     assert {text.get_text() for text in opplod.texts} == {"<0.0001", "0.002", "0.04", "1"}
 
 
+@pytest.mark.long
 def test_the_numbers_of_a_wide_heat_map_do_not_touch(tmp_path: Path) -> None:
     across = [float(angle) for angle in range(0, 180, 15)]
     values = {"bar.axis_deg": across * 2, "bar.width_deg": [10.0] * 12 + [60.0] * 12}
@@ -491,6 +495,7 @@ def test_the_numbers_of_a_wide_heat_map_do_not_touch(tmp_path: Path) -> None:
     assert not [1 for at, one in enumerate(extents) for two in extents[:at] if one.overlaps(two)]
 
 
+@pytest.mark.long
 @SEVEN_AND_MANY
 @pytest.mark.filterwarnings("error")  # of a layout that found no room
 def test_heat_maps_of_many_detectors_are_small_and_on_one_scale(count: int, tmp_path: Path) -> None:
@@ -511,6 +516,7 @@ def test_heat_maps_of_many_detectors_are_small_and_on_one_scale(count: int, tmp_
     np.testing.assert_allclose(np.asarray(axes[0].images[0].get_array()).max(), 1)
 
 
+@pytest.mark.long
 @SEVEN_AND_MANY
 def test_more_than_six_curves_have_a_polar_plot_each(count: int, tmp_path: Path) -> None:
     directions = {"bar.rotation_deg": [float(angle) for angle in range(0, 360, 45)]}
@@ -527,6 +533,7 @@ def test_more_than_six_curves_have_a_polar_plot_each(count: int, tmp_path: Path)
     np.testing.assert_allclose(np.asarray(axes[3].lines[0].get_ydata())[:8], peaks_of["opplod"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("count", "scale"), [(1, "peak"), (6, "peak"), (2, "raw"), (6, "raw")])
 def test_long_doubts_leave_a_polar_plot_its_room(count: int, scale: str, tmp_path: Path) -> None:
     peaks = {name: [1.0, 4, 1, 4] for name in list(detectors())[:count]}
@@ -591,6 +598,7 @@ def test_tables_are_named_by_what_differs(tmp_path: Path) -> None:
         plot_tuning(tables, labels=["one"])
 
 
+@pytest.mark.long
 def test_an_indicator_is_part_of_the_name(tmp_path: Path) -> None:
     """In the names of tables where it differs, else in the title."""
     tables: list[Tuning] = []
@@ -700,6 +708,7 @@ def test_long_names_leave_room_for_the_curves(tmp_path: Path, kind: str, key: st
     assert axes[0].get_window_extent().height >= figure.dpi
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [1, 5])
 def test_names_along_a_heat_map_do_not_overlap(count: int, tmp_path: Path) -> None:
     values = [1.123 * step for step in range(1, 31)]
@@ -715,6 +724,7 @@ def test_names_along_a_heat_map_do_not_overlap(count: int, tmp_path: Path) -> No
     assert min(len(across), len(up)) >= 3
 
 
+@pytest.mark.long
 def test_the_titles_of_maps_of_positions_do_not_overlap(tmp_path: Path) -> None:
     places = list(itertools.product([-6.0, 0, 6], repeat=2))
     swept = {
@@ -762,6 +772,7 @@ def test_a_rotated_scene_is_no_direction_of_motion(tmp_path: Path) -> None:
         assert any(name.startswith("LPLC2") for name in names) == (key == "bar.axis_deg")
 
 
+@pytest.mark.long
 def test_small_polar_plots_and_the_foot_have_letters_of_six_points(tmp_path: Path) -> None:
     values: dict[str, list[Any]] = {"bar.axis_deg": [0, 45, 90, 135]}
     peaks = {name: [1.0, 2, 3, 2] for name in list(detectors())[:8]}

@@ -39,6 +39,7 @@ def test_results_keep_their_order(jobs: int) -> None:
     assert results(squared, [], jobs, named=str) == []
 
 
+@pytest.mark.long
 def test_processes_start_in_a_folder_that_has_no_usable_path(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -58,12 +59,14 @@ def test_an_error_of_one_item_does_not_stop_the_others(jobs: int) -> None:
     assert done[2] == 3
 
 
+@pytest.mark.long
 def test_a_bug_is_raised_with_the_traceback_of_its_process() -> None:
     with pytest.raises(ZeroDivisionError) as met:
         results(wrong, [1, 2], 2, named=str)
     assert "return number // 0" in met.value.__notes__[0]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
 def test_a_process_that_dies_takes_only_its_item_along() -> None:
     done = dict(outcomes(ends_itself, [1, 2, 3, 4], 2, named="number {}".format))
@@ -75,6 +78,7 @@ def test_a_process_that_dies_takes_only_its_item_along() -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
 def test_an_early_end_stops_the_processes_which_may_clean_up(tmp_path: Path) -> None:
     pids: list[int] = []
@@ -90,6 +94,7 @@ def test_an_early_end_stops_the_processes_which_may_clean_up(tmp_path: Path) -> 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0", "1"]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
 def test_results_that_processes_send_when_they_are_stopped_are_not_lost(
     monkeypatch: pytest.MonkeyPatch,
@@ -106,6 +111,7 @@ def test_results_that_processes_send_when_they_are_stopped_are_not_lost(
     assert set(happened[-2:]) == {Event(Kind.DONE, 4, 4), Event(Kind.DONE, 5, 5)}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
 def test_a_process_that_does_not_stop_is_killed(tmp_path: Path) -> None:
     with closing(events(partial(never_asks, tmp_path), [1], 1)) as happening:
@@ -136,6 +142,7 @@ for kind, *_ in events(partial(waits, Path(sys.argv[1])), [1], 1):
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
 def test_a_process_ends_with_a_main_process_that_is_killed(tmp_path: Path) -> None:
     words = [sys.executable, "-c", KILLED, str(tmp_path)]
@@ -163,6 +170,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX signals")
 def test_a_hangup_of_all_processes_leaves_pythons_own_ones(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SIGHUP_FOR_ALL)
@@ -176,6 +184,7 @@ def test_a_hangup_of_all_processes_leaves_pythons_own_ones(tmp_path: Path) -> No
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.long
 def test_events_of_an_item() -> None:
     assert list(events(halved, [4], 1)) == [
         Event(Kind.BEGUN, 4),

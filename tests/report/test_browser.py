@@ -64,6 +64,7 @@ def shows(browser: Browser, frame: int) -> None:
     )
 
 
+@pytest.mark.long
 def test_every_step_shows_exactly_its_frame(browser: Browser, page: Path) -> None:
     from selenium.webdriver import Keys
 
@@ -80,6 +81,7 @@ def test_every_step_shows_exactly_its_frame(browser: Browser, page: Path) -> Non
     assert browser.requested() <= {"file", "blob", "data"}
 
 
+@pytest.mark.long
 def test_keys_and_buttons(browser: Browser, page: Path) -> None:
     from selenium.webdriver import Keys
 
@@ -98,6 +100,7 @@ def test_keys_and_buttons(browser: Browser, page: Path) -> None:
     shows(browser, FIRST)
 
 
+@pytest.mark.long
 def test_boxes_and_values_of_the_frame(browser: Browser, page: Path) -> None:
     opened(browser, page, "#f9")
     shows(browser, 9)
@@ -118,6 +121,7 @@ def test_boxes_and_values_of_the_frame(browser: Browser, page: Path) -> None:
     assert browser.run(drawn) == [0, 0, 0, 0]
 
 
+@pytest.mark.long
 def test_the_label_of_a_box_of_a_light_colour_can_be_read(
     browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -135,6 +139,7 @@ def test_the_label_of_a_box_of_a_light_colour_can_be_read(
     assert browser.run(written) > 30
 
 
+@pytest.mark.long
 def test_a_response_below_the_threshold_does_not_become_1(browser: Browser, page: Path) -> None:
     near = page.with_name("near.html")
     near.write_text(page.read_text().replace("0.09,0.1,", "0.999,0.1,"))
@@ -150,6 +155,7 @@ def playhead(browser: Browser) -> float:
     return float(browser.run(f"return ({place}.left + 1 - {over}.left) / {over}.width"))
 
 
+@pytest.mark.long
 def test_a_click_in_a_curve_goes_there(browser: Browser, page: Path) -> None:
     opened(browser, page)
     start, end = TIMES_MS[FIRST], TIMES_MS[LAST]
@@ -161,6 +167,7 @@ def test_a_click_in_a_curve_goes_there(browser: Browser, page: Path) -> None:
         )
 
 
+@pytest.mark.long
 def test_a_drag_shows_a_part_of_the_time(browser: Browser, page: Path) -> None:
     opened(browser, page)
     start, end = TIMES_MS[FIRST], TIMES_MS[LAST]
@@ -175,6 +182,7 @@ def test_a_drag_shows_a_part_of_the_time(browser: Browser, page: Path) -> None:
     assert browser.run("return document.querySelector('.playhead').hidden")
 
 
+@pytest.mark.long
 def test_a_click_on_a_name_hides_its_curve(browser: Browser, page: Path) -> None:
     coloured = """
     const canvas = document.querySelector(".chart canvas");
@@ -195,6 +203,7 @@ def test_a_click_on_a_name_hides_its_curve(browser: Browser, page: Path) -> None
     assert drawn > 100
 
 
+@pytest.mark.long
 def test_bars_of_alarms_begin_at_the_top(browser: Browser, tmp_path: Path) -> None:
     table = write_numbered_result(tmp_path)
     head, *rows = table.read_text().splitlines()
@@ -213,6 +222,7 @@ def test_bars_of_alarms_begin_at_the_top(browser: Browser, tmp_path: Path) -> No
     assert browser.run(bar) > 100
 
 
+@pytest.mark.long
 def test_it_plays_to_the_end_in_step(browser: Browser, page: Path) -> None:
     player = "document.getElementById('video')"
     opened(browser, page)
@@ -237,6 +247,7 @@ def test_dark_and_narrow(browser: Browser, page: Path, wide: int) -> None:
     assert browser.complaints() == []
 
 
+@pytest.mark.long
 def test_every_detector_is_visible_in_the_dark(browser: Browser, page: Path) -> None:
     opened(browser, page, dark=True)
     colour = """
@@ -259,6 +270,7 @@ def test_every_detector_is_visible_in_the_dark(browser: Browser, page: Path) -> 
         assert (luminance(shown) + 0.05) / (ground + 0.05) > 3, name  # as WCAG asks of graphics
 
 
+@pytest.mark.long
 def test_a_print_holds_all_alarms(browser: Browser, page: Path) -> None:
     opened(browser, page)
     # A longer list scrolls on the screen.
@@ -268,6 +280,7 @@ def test_a_print_holds_all_alarms(browser: Browser, page: Path) -> None:
         assert browser.run(height) == most
 
 
+@pytest.mark.long
 def test_a_print_keeps_its_colours_on_white(browser: Browser, page: Path) -> None:
     style = "getComputedStyle(document.querySelector(arguments[0]))"
     opened(browser, page, dark=True)
@@ -288,6 +301,7 @@ def test_the_list_of_alarms_fits_on_a_phone(browser: Browser, page: Path) -> Non
     assert browser.run(f"{widths} list.scrollWidth - list.clientWidth") == 0
 
 
+@pytest.mark.long
 def test_a_large_video_is_a_file_beside_the_page(
     browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -323,6 +337,7 @@ def names(browser: Browser) -> list[str]:
     return found
 
 
+@pytest.mark.long
 def test_the_index_sorts_and_leads_to_the_pages(browser: Browser, index: Path) -> None:
     from selenium.webdriver import Keys
 
@@ -348,6 +363,7 @@ def test_the_index_sorts_and_leads_to_the_pages(browser: Browser, index: Path) -
     browser.driver.back()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wide", [360, 800, 1200])
 def test_the_index_shows_pictures_at_any_width(browser: Browser, index: Path, wide: int) -> None:
     browser.open(index, wide=wide)
@@ -362,6 +378,7 @@ def test_the_index_shows_pictures_at_any_width(browser: Browser, index: Path, wi
     assert browser.run("return document.images[0].height") <= 160
 
 
+@pytest.mark.long
 def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
     from tests.report.make import sidecar_of, write_sidecar
 

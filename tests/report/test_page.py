@@ -478,6 +478,7 @@ def test_wrong_use(table: Path, tmp_path: Path) -> None:
         write_report([table], table)
 
 
+@pytest.mark.long
 def test_a_run_with_a_report(tmp_path: Path) -> None:
     clip = write_numbered_result(tmp_path, "one").with_name("one.mkv")
     out = tmp_path / "out"
@@ -522,6 +523,7 @@ def test_an_interrupted_run_says_how_to_make_the_pages(
     assert "makes the pages" not in oppload(*command, "--report").stderr
 
 
+@pytest.mark.long
 def test_a_retry_makes_an_index_of_all_results(tmp_path: Path) -> None:
     clip, out = write_numbered_result(tmp_path, "one").with_name("one.mkv"), tmp_path / "out"
     late = tmp_path / "two.mkv"
@@ -534,6 +536,7 @@ def test_a_retry_makes_an_index_of_all_results(tmp_path: Path) -> None:
     assert (out / "index.html").read_text().count("<tr data-title") == 2
 
 
+@pytest.mark.long
 def test_the_index_tells_of_inputs_that_failed_and_of_incomplete_ones(tmp_path: Path) -> None:
     (tmp_path / "clips").mkdir()
     for name in ("one", "two"):
@@ -570,6 +573,7 @@ def titles_in(index: Path) -> dict[str, str]:
     return dict(sorted(cells))
 
 
+@pytest.mark.long
 def test_pages_lie_beside_their_results(tmp_path: Path) -> None:
     """Two videos of one name in two folders; a third one changes no name."""
     clips = tmp_path / "v"

@@ -38,6 +38,7 @@ def test_the_construction_gives_the_closed_form() -> None:
     assert made.ratio == pytest.approx(float(rmo(v1, v2)), abs=1e-3)
 
 
+@pytest.mark.long
 def test_the_definition_is_judged_by_its_numbers() -> None:
     closed, hundred = definition().claims
     assert hundred.source == ""  # our reading
@@ -79,6 +80,7 @@ def test_looming_disk_in_the_middle() -> None:
     assert len({each.get_linestyle() for each in curves}) == 2
 
 
+@pytest.mark.long
 def test_the_paper_gives_frames_for_the_disk_in_the_middle_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

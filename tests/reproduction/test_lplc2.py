@@ -103,6 +103,7 @@ def test_every_published_peak_has_its_stimulus() -> None:
     assert known["edge", 270] == 0.05
 
 
+@pytest.mark.long
 def test_a_loom_outward_and_inward_arms() -> None:
     families = [each for each in BATTERY if each.name in {"loom", "cross-outward", "cross-inward"}]
     shown = show("lplc2", families)
@@ -134,6 +135,7 @@ def test_a_loom_off_the_centre() -> None:
     assert far <= 0.3
 
 
+@pytest.mark.long
 def test_the_unit_over_a_loom_wins() -> None:
     settings = resolve(preset="lplc2", models=["opplod"])
     (protocol,) = load_all("klapoetke2017/loom", {"disk.centre_deg": [10.6, -10.6]})

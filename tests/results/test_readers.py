@@ -63,6 +63,7 @@ def check(path: Path) -> int:
     return empty
 
 
+@pytest.mark.long
 def test_frames_and_alarms_keep_the_rules(results: Path) -> None:
     tables = sorted(results.glob("*.frames.csv"))
     assert len(tables) == 2
@@ -84,6 +85,7 @@ def first_alarm(results: Path) -> float:
     return min(float(row[1]) for row in body if row[on] == "1")
 
 
+@pytest.mark.long
 def test_r_reads_them(results: Path) -> None:
     if shutil.which("Rscript") is None:
         pytest.skip("NOT TESTED: R is missing; apt-get install r-base-core")

@@ -92,6 +92,7 @@ def check(results: list[dict[str, Any]]) -> None:
     assert report["frames"] >= 0.99 * report["frames of the reference"]
 
 
+@pytest.mark.long
 def test_damaged_files() -> None:
     check(outcomes(1, len(VICTIMS) * 3))
 
@@ -113,6 +114,7 @@ SLOWER = ("h264-mkv", "mjpeg-mov", "av1-mkv", "vp9-webm", "mpeg4-avi")
 MORE = [pytest.param(name, marks=pytest.mark.slow) for name in SLOWER]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*FEWER, *MORE])
 def test_truncations_are_never_taken_for_the_end(tmp_path: Path, name: str) -> None:
     data = intact(tmp_path, name)
@@ -176,6 +178,7 @@ def test_an_image_that_vanishes_and_one_that_is_a_link_to_nothing(tmp_path: Path
         assert not video.decode.complete
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed there")
 def test_a_file_that_vanishes_or_shrinks_while_it_is_read(tmp_path: Path) -> None:
     images = grey_frames(200, width=160, height=96)
@@ -242,6 +245,7 @@ def test_a_capture_that_begins_between_key_frames(tmp_path: Path) -> None:
     assert float(last.luma[:, :24].mean()) == pytest.approx(shown(kind, 39), abs=0.01)
 
 
+@pytest.mark.long
 def test_a_stream_of_a_server_is_read_to_its_end(tmp_path: Path) -> None:
     path = make(tmp_path / "a.mkv", KINDS["ffv1-mkv"])
     with Server(path, 1) as server, open_video(server.url) as video:
@@ -261,6 +265,7 @@ STREAMED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("suffix", STREAMED)
 def test_a_stream_that_breaks_off_gives_its_rows_and_the_reason(
     tmp_path: Path, suffix: str
@@ -273,6 +278,7 @@ def test_a_stream_that_breaks_off_gives_its_rows_and_the_reason(
         assert any("the stream broke off" in each for each in video.decode.messages)
 
 
+@pytest.mark.long
 def test_a_stream_that_breaks_off_in_its_first_frames(tmp_path: Path) -> None:
     """The frame that the decoder still holds then has a time stamp, but no time base of its own."""
     path = make(tmp_path / "a.mkv", Kind("mkv", "mpeg1video", frames=10))
@@ -281,6 +287,7 @@ def test_a_stream_that_breaks_off_in_its_first_frames(tmp_path: Path) -> None:
         assert video.decode.missing == 9
 
 
+@pytest.mark.long
 def test_a_run_on_a_stream_that_breaks_off(tmp_path: Path) -> None:
     path = make(tmp_path / "a.y4m", Kind("y4m", "wrapped_avframe", frames=60))
     with Server(path, 0.6) as server:
@@ -296,6 +303,7 @@ def test_a_run_on_a_stream_that_breaks_off(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.long
 def test_a_stream_that_stalls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(container, "READ_TIMEOUT_S", 0.5)
     path = make(tmp_path / "a.ts", Kind("ts", "libx264", frames=60, options=X264))
@@ -304,6 +312,7 @@ def test_a_stream_that_stalls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         assert video.decode.messages == ["the stream broke off (no picture came for 0.5 s)"]
 
 
+@pytest.mark.long
 def test_a_packet_that_comes_after_the_time_limit_is_the_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

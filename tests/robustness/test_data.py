@@ -162,6 +162,7 @@ def test_only_the_needed_columns_are_read(result: Path) -> None:
     assert few.equals(whole[few.columns])
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no name has a backslash there")
 def test_any_name_can_be_drawn(result: Path, tmp_path: Path) -> None:
     names = ["a$\\frac{b$", "_a$b$", "$", "a\\$b$", "\udcff", "x\ny", "影"]
@@ -231,6 +232,7 @@ def _written(pipe: Path, content: bytes) -> None:
         pipe.write_bytes(content)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no links and pipes")
 def test_broken_links_and_pipes_among_inputs(result: Path, tmp_path: Path) -> None:
     (tmp_path / "clip.avi").write_bytes((result.parent / "clip.avi").read_bytes())

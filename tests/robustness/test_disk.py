@@ -50,6 +50,7 @@ def mounted(folder: Path, options: str) -> Iterator[Path]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
+@pytest.mark.long
 def test_a_disk_that_fills_up(clip: Path, tmp_path: Path) -> None:
     film = write_film(tmp_path / "film.avi", times=4)
     with mounted(tmp_path / "small", "size=16k") as folder:
@@ -65,6 +66,7 @@ def test_a_disk_that_fills_up(clip: Path, tmp_path: Path) -> None:
         assert sorted(path.name for path in folder.iterdir()) == names
 
 
+@pytest.mark.long
 # While the video is written, and while it may be finished.
 @pytest.mark.parametrize("size", ["100k", pytest.param("400k", marks=pytest.mark.slow)])
 def test_a_disk_that_an_annotated_video_fills(tmp_path: Path, size: str) -> None:
@@ -192,6 +194,7 @@ def test_every_command_on_a_read_only_disk(
     assert done.stderr.count("cannot be written (read-only file system)") == 3
 
 
+@pytest.mark.long
 def test_no_folder_for_the_cache_of_matplotlib(tmp_path: Path) -> None:
     code = (
         "import sys, tempfile\n"
@@ -276,6 +279,7 @@ def without_privilege(*commands: Sequence[str | Path]) -> InTurn:
     return in_turn(*commands, prefix=drop)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="rights are of POSIX")
 def test_files_without_permission(clip: Path, tmp_path: Path) -> None:
     secret, closed, out = tmp_path / "secret.avi", tmp_path / "closed", tmp_path / "out"
@@ -351,6 +355,7 @@ if sys.platform == "win32":
     NAMES = [name for name in NAMES if not set(name) & set(':"\n\x1b')]
 
 
+@pytest.mark.long
 def test_names_of_every_kind(clip: Path, tmp_path: Path) -> None:
     inputs = tmp_path / "in"
     inputs.mkdir()
@@ -366,6 +371,7 @@ def test_names_of_every_kind(clip: Path, tmp_path: Path) -> None:
     assert len(list((tmp_path / "out").glob("*.frames.csv"))) == len(NAMES)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="each name is text there")
 def test_a_name_that_is_no_utf_8(clip: Path, tmp_path: Path) -> None:
     name = os.fsencode(tmp_path) + b"/\xff\xfe.avi"
@@ -384,6 +390,7 @@ def test_a_name_that_is_no_utf_8(clip: Path, tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (0, f"{page}\n"), done.stderr
 
 
+@pytest.mark.long
 def test_a_name_that_standard_output_cannot_show(clip: Path, tmp_path: Path) -> None:
     # As of `oppload stimuli generate > list` in a console of Windows with another code page.
     words = "stimuli", "generate", "controls/appearing-disk", "-o", tmp_path / "Θ"
@@ -419,6 +426,7 @@ def test_two_inputs_with_one_stem_and_one_input_twice(clip: Path, tmp_path: Path
     assert len(failures) == 3
 
 
+@pytest.mark.long
 def test_an_output_is_never_an_input(clip: Path, tmp_path: Path) -> None:
     tricky = tmp_path / "x.frames.csv"
     tricky.write_bytes(clip.read_bytes())
@@ -448,6 +456,7 @@ def test_a_link_in_the_place_of_a_result_is_not_followed(clip: Path, tmp_path: P
     assert not (out / "clip.frames.csv").is_symlink()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX shell")
 def test_a_closed_standard_output(clip: Path) -> None:
     done = subprocess.run(

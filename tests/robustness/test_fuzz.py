@@ -41,6 +41,7 @@ def toml(value: Any) -> str:
     return json.dumps(value) if isinstance(value, str | int) else f"[{', '.join(map(toml, value))}]"
 
 
+@pytest.mark.long
 @BOUNDED
 @given(
     top=st.dictionaries(KEYS, VALUES, max_size=3),

@@ -71,6 +71,7 @@ def check_prefix(part: Path, table: bytes) -> int:
     return data.count(b"\n") - 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     ["SIGINT", *(pytest.param(each, marks=pytest.mark.slow) for each in ("SIGTERM", "SIGKILL"))],
@@ -113,6 +114,7 @@ cv2.VideoCapture = Camera
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("more", [pytest.param((), marks=pytest.mark.slow), ("--annotate",)])
 def test_a_camera_ends_with_finished_files_where_it_is_stopped(
     tmp_path: Path, more: tuple[str, ...]
@@ -132,6 +134,7 @@ def test_a_camera_ends_with_finished_files_where_it_is_stopped(
     assert not list(tmp_path.glob("*.part"))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_a_part_is_plotted_and_a_rerun_completes_it(film: Path, tmp_path: Path) -> None:
     with started(film, tmp_path) as run:
@@ -166,6 +169,7 @@ def test_two_runs_do_not_write_one_result(film: Path, tmp_path: Path) -> None:
         assert run.poll() is None
 
 
+@pytest.mark.long
 def test_an_input_that_never_answers_is_interrupted(tmp_path: Path) -> None:
     fifo = tmp_path / "never.mkv"
     os.mkfifo(fifo)
@@ -180,6 +184,7 @@ def test_an_input_that_never_answers_is_interrupted(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["never.mkv"]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 def test_the_terminal_is_left_as_it_was(film: Path, tmp_path: Path) -> None:
     import termios

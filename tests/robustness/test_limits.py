@@ -74,6 +74,7 @@ def bomb(folder: Path, name: str) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of memory are of POSIX")
 def test_decompression_bombs_are_refused_in_little_memory(tmp_path: Path) -> None:
     # The size in the data of the last one, H.264, counts, not the container's: the video is read.
@@ -184,6 +185,7 @@ LYING = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of memory are of POSIX")
 def test_images_that_lie_about_their_size_take_little_memory(tmp_path: Path) -> None:
     for name, data in LYING.items():
@@ -261,6 +263,7 @@ def test_the_limit_of_pillow_does_not_count(tmp_path: Path) -> None:
     assert before == Image.MAX_IMAGE_PIXELS
 
 
+@pytest.mark.long
 def test_every_exit_code_from_a_real_process(tmp_path: Path) -> None:
     """The exit codes 0, 2, 3 and 4, and 1 after a bug; test_interruption has 130."""
     intact = make(tmp_path / "intact.avi", KINDS["mpeg4-avi"])

@@ -114,6 +114,7 @@ def test_a_list_with_a_field_beyond_all_bounds(tmp_path: Path) -> None:
     assert "a.csv: is not valid CSV (field larger than field limit" in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     sys.platform == "win32", reason="Windows says otherwise that a name is too long"
 )

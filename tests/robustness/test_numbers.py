@@ -52,6 +52,7 @@ def loom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_video(folder / "loom.mp4", frames, codec="libx264", pixel_format="yuv420p")
 
 
+@pytest.mark.long
 def test_runs_with_any_number_of_threads_give_the_same_bytes(loom: Path, tmp_path: Path) -> None:
     threads = cv2.getNumThreads()
     seen = set()
@@ -64,6 +65,7 @@ def test_runs_with_any_number_of_threads_give_the_same_bytes(loom: Path, tmp_pat
     assert len(seen) == 1
 
 
+@pytest.mark.long
 def test_another_process_gives_the_same_bytes(
     loom: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -75,6 +77,7 @@ def test_another_process_gives_the_same_bytes(
     assert (tmp_path / "output").read_bytes() == table(loom, tmp_path / "out")
 
 
+@pytest.mark.long
 def test_no_plain_sum_of_floats(
     loom: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,6 +141,7 @@ def test_finite_numbers_from_any_pixels(tmp_path: Path, scene: str, height: str)
         assert {float(each) for each in responses} == {0.0}
 
 
+@pytest.mark.long
 def test_extreme_parameters_stay_finite(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.avi", SCENES["noise"])
     largest = ["opplod.gain=1e9", "opplod.periphery=1000", "opplod.inhibition_strength=100"]
@@ -225,6 +229,7 @@ def check_flat(meter: Meter) -> None:
     assert len(set(meter.files)) == 1
 
 
+@pytest.mark.long
 def test_memory_stays_flat(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     quick = resolve(height="24", models=["dlgmd"], measure_rmo=False)
     check_flat(long_run(monkeypatch, tmp_path, 2_000, quick))

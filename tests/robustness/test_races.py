@@ -48,6 +48,7 @@ COMMANDS = {
 SLOW = {"collect", "stimuli", "stimuli png", "tune"}  # they hold a name as the others do
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "command",
     [
@@ -75,6 +76,7 @@ def test_parallel_runs(command: tuple[str, ...], results: Path, tmp_path: Path) 
     assert not list(tmp_path.rglob("*.part"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "kind",
     [

@@ -49,6 +49,7 @@ def commands(clip: Path) -> dict[str, list[str]]:
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [10_000, pytest.param(30_000, marks=pytest.mark.slow), 100_000])
 def test_files_of_limited_size(clip: Path, tmp_path: Path, size: int) -> None:
     done = ended(tmp_path / "case", commands(clip)["alone"], fsize=size)
@@ -75,6 +76,7 @@ NPROC = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "command"), NPROC)
 def test_few_processes(clip: Path, tmp_path: Path, number: int, command: str) -> None:
     done = ended(tmp_path / "case", commands(clip)[command], counted_user(), nproc=number)

@@ -36,6 +36,7 @@ def test_every_entry_is_described_and_has_a_source() -> None:
     }
 
 
+@pytest.mark.long
 def test_more_than_150_stimuli_of_different_names_and_content() -> None:
     protocols = [protocol for name in ENTRIES for protocol in stimulus.load_all(name)]
     names = [protocol.name for protocol in protocols]
@@ -51,6 +52,7 @@ def test_a_prompt_shows_an_entry_in_one_line() -> None:
     assert max(len(repr(entry)) for entry in stimulus.entries()) < 500
 
 
+@pytest.mark.long
 def test_kinds_and_growths_all_appear() -> None:
     objects = [obj for name in ENTRIES for p in stimulus.load_all(name) for obj in p.objects]
     assert {obj.kind for obj in objects} >= {
@@ -255,6 +257,7 @@ def test_reading_the_catalogue_needs_no_numpy() -> None:
     assert loaded(code, *HEAVY[:5]) == []
 
 
+@pytest.mark.long
 def test_the_catalogue_is_found_in_a_wheel_as_in_the_source(tmp_path: Path) -> None:
     """An installed wheel has it inside the package."""
     root = Path(stimulus.__file__).parents[2]

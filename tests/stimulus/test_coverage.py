@@ -12,6 +12,7 @@ from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverag
 place = st.floats(20, 60)
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(x=place, y=place, radius=st.floats(0.05, 19))
 def test_area_of_a_disk(x: float, y: float, radius: float) -> None:
@@ -19,6 +20,7 @@ def test_area_of_a_disk(x: float, y: float, radius: float) -> None:
     assert coverage.sum() == pytest.approx(np.pi * radius**2, rel=1e-9)
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(x=place, y=place, angle=st.floats(0, 7), length=st.floats(0.1, 13), width=st.floats(0.1, 13))
 def test_area_of_a_turned_bar(

@@ -245,6 +245,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
         stimulus.write(clip(), tmp_path / "file" / "folder")
 
 
+@pytest.mark.long
 def test_several_at_a_time_are_the_same_files(tmp_path: Path) -> None:
     protocols = [dataclasses.replace(clip(seed=seed), name=f"clip-{seed}") for seed in range(3)]
     odd = dataclasses.replace(clip(width=97), name="odd")
@@ -346,6 +347,7 @@ def test_models_respond_the_same_with_and_without_a_file(tmp_path: Path) -> None
     assert from_file[-1].s > 0
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups are of POSIX")
 @pytest.mark.parametrize(
     "stop", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]

@@ -74,6 +74,7 @@ def test_contact_may_lie_beyond_the_clip() -> None:
     assert frame_truth(protocol, 21).objects[0].time_to_contact_s == pytest.approx(2.3)
 
 
+@pytest.mark.long
 @settings(max_examples=50)
 @given(
     frame=st.integers(0, 44),

@@ -148,6 +148,7 @@ def check(protocol: stimulus.Protocol) -> None:
     assert stimulus.Protocol.from_table(json.loads(text)["protocol"], "again") == protocol
 
 
+@pytest.mark.long
 @bounded
 @given(made=protocol_table)
 def test_any_protocol_is_valid_or_refused(made: dict[str, Any]) -> None:
@@ -164,6 +165,7 @@ def test_any_protocol_is_valid_or_refused(made: dict[str, Any]) -> None:
     assert "\n" not in message
 
 
+@pytest.mark.long
 @bounded
 @given(
     kind=st.sampled_from(sorted(valid_kind)),

@@ -324,6 +324,7 @@ def test_zoomed_dots_flow_outward() -> None:
     assert np.mean(values < 0.5) > 0.8
 
 
+@pytest.mark.long
 def test_turned_and_shrunk_dots_reach_the_corners() -> None:
     dots = Object(
         id="dots", kind="dots", dot_deg=1, dots_per_100deg2=400, contrast=-1, luminance=1.0
@@ -386,6 +387,7 @@ def test_texture_falls_as_one_over_frequency() -> None:
     assert slope == pytest.approx(-2, abs=0.25)
 
 
+@pytest.mark.long
 def test_same_bytes_in_another_process() -> None:
     names = (
         "klapoetke2017/bar-expand-10/axis-45",

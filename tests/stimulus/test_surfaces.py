@@ -67,6 +67,7 @@ def test_the_flow_of_a_pixel_is_that_of_what_covers_half_of_it() -> None:
     np.testing.assert_array_equal(np.isfinite(flow[150, :, 0]), shows_wall & (distance > 5))
 
 
+@pytest.mark.long
 def test_a_pixel_shows_the_mean_of_the_part_of_the_texture_that_it_covers() -> None:
     """Waves of 0.8 m on the ground, 1 m below; their mean over 8 x 8 places in each pixel."""
     fine = 8

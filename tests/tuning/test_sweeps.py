@@ -118,6 +118,7 @@ def at_native_size(models: list[str], *assignments: str) -> Settings:
 L_OVER_V = [20, 40, 60, 80]
 
 
+@pytest.mark.long
 def test_the_line_finds_threshold_and_delay_of_the_eta_function() -> None:
     entry = entry_of("peak-time", SMALL, ["l/v=20,40,60,80"])
     settings = at_native_size(["theta"], "theta.alpha=3", "time.interval=frame")
@@ -132,6 +133,7 @@ def test_the_line_finds_threshold_and_delay_of_the_eta_function() -> None:
     assert low < math.degrees(2 * math.atan(1 / 3)) < high
 
 
+@pytest.mark.long
 def test_the_size_itself_peaks_where_the_disk_stops_growing() -> None:
     entry = entry_of("peak-time", {**SMALL, "disk.growth.most_deg": 50}, ["l/v=20,60"])
     settings = at_native_size(["theta"], "time.interval=frame")
@@ -164,6 +166,7 @@ def test_a_sweep_tells_the_changes_of_the_user_alone() -> None:
     assert figure.changes == own.changes == full
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "over"),
     [
@@ -274,6 +277,7 @@ def test_a_setting_of_the_user_replaces_that_of_a_figure() -> None:
         assert found.settings.groups["opplod"].as_dict()["units"] == units
 
 
+@pytest.mark.long
 def test_the_map_of_positions_peaks_where_the_unit_is() -> None:
     entry = entry_of("position", {}, ["position=[[-12,0],[0,0],[12,0],[0,12],[0,-12]]"])
     settings = resolve(

@@ -147,6 +147,7 @@ def test_measures_without_a_response() -> None:
     assert silent == Measures(peak=0, mean=0, area=0)  # and no time of a peak
 
 
+@pytest.mark.long
 def test_processes_change_no_byte(tmp_path: Path) -> None:
     entry = disk(tmp_path)
     settings = resolve(
@@ -306,6 +307,7 @@ def at_the_start(entry: Entry, settings: Settings, presentations: int = 1) -> li
     return [doubt for doubt in doubts if "the start of the motion" in doubt.note]
 
 
+@pytest.mark.long
 def test_peaks_at_the_start_of_motion_are_named() -> None:
     """D-LGMD meets no inhibition there; OppLoD leaves such edges out."""
     entry = swept("klapoetke2017/bar-expand-10", ["axis=0,45"])
@@ -331,6 +333,7 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
         assert "--change" not in doubt.text
 
 
+@pytest.mark.long
 def test_peaks_that_the_warm_up_cuts_off_are_named(tmp_path: Path) -> None:
     """OppLoD responds from 0.1 s on; these disks grow for 0.07, 0.11 and 0.6 s."""
     changes = {"display.frame_rate": 100, "disk.growth.speed_deg_s": [140, 90, 15]}

@@ -91,6 +91,7 @@ def test_at_a_change_of_the_rate_frames_far_from_the_line_keep_their_time(seed: 
     assert smoothed(arrived)[0] == pytest.approx(HALVED + 0.005, abs=0.0051)
 
 
+@pytest.mark.long
 @given(st.lists(st.sampled_from([0, 0.002, 0.033, 0.067]) | st.floats(1e-6, 9), max_size=60))
 @settings(max_examples=100, deadline=None)
 def test_any_times_become_later_with_each_frame_and_need_no_later_frame(steps: list[float]) -> None:

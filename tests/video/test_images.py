@@ -407,6 +407,7 @@ def test_pictures_of_a_driver_without_a_clock_that_come_in_pairs_have_times_apar
     assert 30 < video.decode.smoothed < 60
 
 
+@pytest.mark.long
 def test_frames_that_come_faster_than_they_are_analysed_are_dropped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -430,6 +431,7 @@ def test_frames_that_come_faster_than_they_are_analysed_are_dropped(
     assert f"{decode['dropped']} of 200 frames were dropped, because they came" in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("start", ["f0", "f100"])
 def test_a_camera_that_the_user_stops_is_reported(
     start: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -124,6 +124,7 @@ def test_frames_are_the_same_in_a_separate_process(
     assert there.decode == here.decode
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("slots", [3, 64])
 def test_no_picture_is_written_over_while_it_is_in_use(
     slots: int, made: dict[str, Path], monkeypatch: pytest.MonkeyPatch
@@ -229,6 +230,7 @@ def _ends(process: int) -> bool:
     return False
 
 
+@pytest.mark.long
 def test_it_ends_with_the_process_that_started_it(made: dict[str, Path]) -> None:
     path = made["many.mp4"]
     code = (
@@ -261,6 +263,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_film(folder / "film.avi", 96, 64, times=30)
 
 
+@pytest.mark.long
 def test_the_height_is_known_before_the_settings_are_resolved(film: Path, tmp_path: Path) -> None:
     cases: list[tuple[dict[str, str], str]] = [
         ({}, ""),
@@ -290,6 +293,7 @@ def test_the_height_is_known_before_the_settings_are_resolved(film: Path, tmp_pa
     assert {sidecar["threads"]["decoder_apart"] for sidecar in sidecars} == {apart}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2,
     reason="NOT MEASURED: with one core a thread decodes",

@@ -343,6 +343,7 @@ def test_one_clip_gives_a_rate_an_interval() -> None:
     assert [rate.value, rate.low, rate.high] == pytest.approx([1, 0.0253, 5.572], abs=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("clips", [5, 12, 40])
 def test_intervals_hold_the_truth_as_often_as_they_say(clips: int) -> None:
     """The share of sets of clips whose interval holds the value from which the clips were drawn."""
