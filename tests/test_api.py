@@ -221,8 +221,8 @@ def test_the_alarm_is_that_of_the_preset() -> None:
     assert reference != oppload.alarm_params("default").floor_of("opplod")
     parameters = [oppload.parameters_of("opplod", "reference")]
     assert floors(preset="reference") == {reference}
-    assert floors(params=parameters) == {reference}  # the preset that they belong to
-    assert reference not in floors(params=parameters, preset="default")
+    assert floors(models=parameters) == {reference}  # the preset that they belong to
+    assert reference not in floors(models=parameters, preset="default")
     assert reference not in floors()
 
 

@@ -63,7 +63,7 @@ PRESETS = {
 }
 
 
-def preset_in(models: Iterable[str], where: str = "--model") -> str:
+def preset_in(models: Iterable[str], where: str = "the list of models") -> str:
     """Return the preset in values of ``--model`` such as ``NAME:PRESET``, empty if there is none.
 
     Different presets are a ParameterError, because one run has one preset; `where` is the place of

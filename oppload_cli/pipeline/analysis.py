@@ -72,7 +72,7 @@ class Analysis:
     ----------
     shape : tuple of int
         Height and width of the frames in pixels.
-    params : sequence of str or Parameters, optional
+    models : sequence of str or Parameters, optional
         As for :func:`analyse`, like `preset`, `height`, `alarm`, `places`, `repeats` and `time`.
     rate : float or Fraction, optional
         Frames per second, if known. Most detectors use the time of each frame; those that count
@@ -104,7 +104,7 @@ class Analysis:
     def __init__(
         self,
         shape: tuple[int, int],
-        params: Sequence[Parameters | str] | None = None,
+        models: Sequence[Parameters | str] | None = None,
         *,
         preset: str | None = None,
         rate: float | Fraction | None = None,
@@ -123,7 +123,7 @@ class Analysis:
                 f"smaller frames, or set {MAX_PIXELS} higher"
             )
         chosen = pass_params(
-            params, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
+            models, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
         )
         facts = InputFacts("frames", "array", columns, rows, checked_rate(rate), None)
         pixels = parse_height(preset_named(chosen.preset).height if height is None else height)
@@ -258,7 +258,7 @@ def _check_kind(name: str, value: object, kind: type | UnionType, give: str) -> 
 
 def analyse(
     source: Source,
-    params: Sequence[Parameters | str] | None = None,
+    models: Sequence[Parameters | str] | None = None,
     *,
     preset: str | None = None,
     rate: float | Fraction | None = None,
@@ -277,13 +277,13 @@ def analyse(
     ----------
     source : str, Path, FrameSource, Protocol or array
         As for :func:`oppload_cli.open_source`; an open video is not closed.
-    params : sequence of str or Parameters, optional
+    models : sequence of str or Parameters, optional
         The detectors: names, such as ``["opplod", "lgmd2"]``, which have the parameters of the
         preset, or sets of parameters, such as ``[OpplodParams(gain=2)]``. OppLoD and D-LGMD if left
         out.
     preset : str, optional
         Name of the preset, which also gives the alarm and the working height. If left out, the
-        preset of a name such as ``opplod:paper``, that which has exactly these sets of `params`, or
+        preset of a name such as ``opplod:paper``, that which has exactly these sets of `models`, or
         else ``default``.
     rate, times, height
         As for :func:`oppload_cli.open_source`.
@@ -325,7 +325,7 @@ def analyse(
     alarm at 1.07 s
     """
     chosen = pass_params(
-        params, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
+        models, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
     )
     degrees = None if fov is None else parse_fov(fov)
     with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
@@ -368,9 +368,9 @@ def side_by_side(
         prepared.close()
 
 
-def _preset_of(params: Sequence[Parameters | str]) -> str:
+def _preset_of(models: Sequence[Parameters | str]) -> str:
     """Return the preset that has these parameters; the default preset if none has them."""
-    sets = [each for each in params if not isinstance(each, str)]
+    sets = [each for each in models if not isinstance(each, str)]
     for preset in PRESETS:
         if all(parameters_of(detector_of(each).name, preset) == each for each in sets):
             return preset
@@ -378,7 +378,7 @@ def _preset_of(params: Sequence[Parameters | str]) -> str:
 
 
 def pass_params(
-    params: Sequence[Parameters | str] | None = None,
+    models: Sequence[Parameters | str] | None = None,
     preset: str | None = None,
     *,
     alarm: AlarmParams | None = None,
@@ -388,7 +388,7 @@ def pass_params(
     repeats: RepeatParams | Repeats | None = None,
 ) -> PassParams:
     """Return the parameters of a pass; the arguments and the error are those of :func:`analyse`."""
-    _check_kind("params", params, list | tuple, f"a list, such as {[default_names()[0]]}")
+    _check_kind("models", models, list | tuple, f"a list, such as {[default_names()[0]]}")
     _check_kind("alarm", alarm, AlarmParams, "oppload_cli.alarm_params()")
     _check_kind("places", places, PlaceParams | bool, "True, False or oppload_cli.PlaceParams()")
     time_example = "oppload_cli.models.timebase.TimeParams(interval='frame')"
@@ -396,19 +396,19 @@ def pass_params(
     _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
     repeats_example = "oppload_cli.pipeline.repeats.RepeatParams(handling='exact')"
     _check_kind("repeats", repeats, RepeatParams | Repeats, repeats_example)
-    for each in params or ():
+    for each in models or ():
         kinds = "names of detectors, or sets as parameters_of gives them"
-        _check_kind("params", each, Parameters | str, kinds)
-    of_names = preset_in([each for each in params or () if isinstance(each, str)], "params")
+        _check_kind("models", each, Parameters | str, kinds)
+    of_names = preset_in([each for each in models or () if isinstance(each, str)])
     if preset is not None:
         preset_named(preset)  # raises the error of an unknown preset, also of an empty text
     if preset and of_names and preset != of_names:
         raise ParameterError(
-            f"params asks for preset '{of_names}', but the preset is '{preset}'; leave one out"
+            f"a model asks for preset '{of_names}', but the preset is '{preset}'; leave one out"
         )
-    preset = preset or of_names or _preset_of(params or ())
+    preset = preset or of_names or _preset_of(models or ())
     chosen: list[Parameters] = []
-    for each in params or default_names():
+    for each in models or default_names():
         if isinstance(each, str):
             chosen += [parameters_of(name, preset) for name in names_of(each)]
         else:
@@ -417,7 +417,7 @@ def pass_params(
     for name in names:
         if names.count(name) > 1:
             raise ParameterError(
-                f"params must not hold two sets of '{name}'; give the second set to a second pass"
+                f"models must not hold two sets of '{name}'; give the second set to a second pass"
             )
     return PassParams(
         preset,
