@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import glob
 import itertools
 import json
 import math
@@ -343,7 +344,7 @@ def meant_by(wanted: str) -> str:
 
 def _of_file(entry: Entry, member: str) -> Entry:
     """Return the entry of a file, or its members whose names fit ``/MEMBER``, maybe a pattern."""
-    chosen = replace(entry, only=entry.name + member) if member else entry
+    chosen = replace(entry, only=glob.escape(entry.name) + member) if member else entry
     if not chosen.values():
         known = [f"{entry.path}{name.removeprefix(entry.name)}" for name in entry.values()]
         hint = suggestion(f"{entry.path}{member}", known)

@@ -160,6 +160,9 @@ def test_members_of_a_file_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
     }
     for wanted, expected in names.items():
         assert [each.name for each in stimulus.load_all(wanted)] == expected
+    # The brackets of the file's own name are no pattern.
+    shutil.copy(source, tmp_path / "my[1].toml")
+    assert stimulus.load("my[1].toml/l-over-v-40").name == "my[1]/l-over-v-40"
     for wanted in ("my.toml/l-over-v-41", "my/l-over-v-40"):
         with pytest.raises(StimulusError, match=r"did you mean 'my\.toml/l-over-v-40'"):
             stimulus.find(wanted)
