@@ -114,12 +114,13 @@ class Renderer:
         Raises
         ------
         StimulusError
-            If the protocol has no drawn surroundings.
+            If the protocol has no drawn surroundings, or if there is no such frame.
         """
         if not isinstance(self._background, Drawn):
             raise StimulusError(
                 "the flow is known for drawn surroundings only; set scene.background to one of them"
             )
+        check_frame(self.protocol, frame)
         times = [self.protocol.time_of(index) for index in (frame, frame + 1)]
         (surroundings, view), (next_surroundings, later) = map(self._background.seen_at, times)
         if next_surroundings is not surroundings:

@@ -228,8 +228,12 @@ def test_a_seed_gives_the_same_surroundings_in_all_versions(kind: str) -> None:
 
 def test_there_is_no_flow_across_a_cut() -> None:
     protocol = staged(None, {"background": "room", "cut_s": 0.5}, camera={"forward_m_s": 1})
-    known = [np.isfinite(Renderer(protocol).flow(frame)).any() for frame in (13, 14, 15)]
+    renderer = Renderer(protocol)
+    known = [np.isfinite(renderer.flow(frame)).any() for frame in (13, 14, 15)]
     assert known == [True, False, True]
+    for frame in (-1, protocol.frame_count):
+        with pytest.raises(StimulusError, match=f"has no frame {frame}"):
+            renderer.flow(frame)
 
 
 @pytest.mark.parametrize("drawing", DRAWINGS)
