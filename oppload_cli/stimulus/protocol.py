@@ -111,7 +111,7 @@ class Protocol(ProtocolTables):
 
 
 def check_protocol(protocol: object) -> None:
-    """Raise a StimulusError for anything else than a protocol, such as its name."""
+    """Raise a StimulusError for anything other than a protocol, such as its name."""
     if not isinstance(protocol, Protocol):
         raise StimulusError(
             f"{type(protocol).__name__}: is no stimulus; give what oppload_cli.stimulus.load "
@@ -294,8 +294,8 @@ def _without_growth(protocol: Protocol, obj: Object) -> Iterator[str]:
     diagonal = display.angle_of(math.hypot(display.width, display.height))
     # Before and after the motion the size stays the same.
     start, end = (float(display.frame_rate) * each for each in protocol.motion_of(obj))
-    first = min(max(0, math.floor(start) - 1), protocol.frame_count - 1)
-    last = max(first, min(math.ceil(end) + 1, protocol.frame_count - 1))
+    first = max(0, math.floor(start) - 1)
+    last = min(math.ceil(end) + 1, protocol.frame_count - 1)
     times = [protocol.time_of(frame) for frame in range(first, last + 1)]
     sizes = [min(pose_of(protocol, obj, time).extent.size, diagonal) for time in times]
     grown = max(sizes) - min(sizes)

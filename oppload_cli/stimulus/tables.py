@@ -238,7 +238,7 @@ class ProtocolTables(Table):
         """Number of frames: those whose time lies before the clip's end."""
         timing = self.timing
         total = _exact_sum(timing.before_s, timing.motion_s, timing.after_s)
-        return max(1, math.ceil(total * self.display.frame_rate))
+        return math.ceil(total * self.display.frame_rate)
 
     def motion_of(self, obj: Object) -> tuple[float, float]:
         """Return when an object's motion starts and ends, in seconds of the clip."""
