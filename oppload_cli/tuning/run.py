@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from functools import partial
 from itertools import chain
@@ -24,6 +25,7 @@ from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
 from oppload_cli.schema import parsed_fraction
 from oppload_cli.stimulus.renderer import Renderer
+from oppload_cli.stimulus.staging import camera_of
 from oppload_cli.stimulus.truth import frame_truth
 from oppload_cli.tuning.present import Condition, Measures, measure, present, seen_in
 
@@ -43,6 +45,7 @@ _PRESENTATION = "presentation"  # column of the number of a presentation in a ro
 _FAINT = 0.1  # of the floor of the alarm; a detector with smaller responses hardly responds
 _ONSET_INTERVALS = 2.5  # of 1/30 s: two intervals, and half an interval for a late frame
 _ONSET_S = _ONSET_INTERVALS / 30
+_ROUNDING_S = 1e-6  # more than the rounding error of a time
 _NEURON = "arms"  # the judgement of a detector that responds like one LPLC2 neuron
 _ONE_UNIT = "1x1"
 
@@ -125,7 +128,7 @@ def _is_symmetric(entry: Entry) -> bool:
     direction = direction_of(list(entry.sweep))
     if direction is None:
         return False
-    angle = next(iter(entry.sweep[direction]))
+    angle = entry.sweep[direction][0]
     settings = ({direction: angle}, {direction: angle + 180})
     protocols = [entry.with_settings(each).protocols()[0] for each in settings]
     original, turned = map(Renderer, protocols)
@@ -302,7 +305,7 @@ def faint(peaks: Mapping[str, float], settings: Settings) -> Iterator[Doubt]:
 
 
 def _to_onset(conditions: Sequence[Condition], protocols: Sequence[Protocol]) -> Iterator[Doubt]:
-    """Yield the detectors that respond to the start of the motion.
+    """Yield the detectors that respond to the start of the motion, or to noise before it.
 
     Any motion that starts excites these detectors, because nothing moved before. So the peak at the
     start of the motion shows no tuning. Without a pause before the motion, a detector with a long
@@ -313,10 +316,17 @@ def _to_onset(conditions: Sequence[Condition], protocols: Sequence[Protocol]) ->
     advice = f"; {' and '.join(f'--change {key}=0' for key in keys)} leaves the pause before it out"
     for name in conditions[0].measures:
         times = [each.measures[name].peak_time_s for each in conditions]
-        early = [
-            time_s is not None and time_s - start < _ONSET_S
-            for (start, _), time_s in zip(pauses, times, strict=True)
+        since_s = [
+            math.inf if time_s is None else time_s - start_s
+            for (start_s, _), time_s in zip(pauses, times, strict=True)
         ]
+        yield from _about_peaks(
+            name,
+            [each <= -_ROUNDING_S for each in since_s],
+            "before the motion: no tuning",
+            "come before the start of the motion: they are no responses to it, and show no tuning",
+        )
+        early = [-_ROUNDING_S < each < _ONSET_S for each in since_s]
         helps = keys and detector_named(name).warm_up > _ONSET_INTERVALS
         yield from _about_peaks(
             name,
@@ -371,24 +381,24 @@ def _cut_off_by_end(
     conditions: Sequence[Condition], protocols: Sequence[Protocol]
 ) -> Iterator[Doubt]:
     """Yield the detectors whose response might have grown further, but the stimulus ends."""
-    growing = [_grows_at_end(protocol) for protocol in protocols]
+    changing = [_changes_size_at_end(protocol) for protocol in protocols]
     stated = any(obj.growth and obj.growth.contact_s for each in protocols for obj in each.objects)
     key = "timing.motion_s" if stated else "timing.after_s"
     for name in conditions[0].measures:
         last = [
-            grows and condition.measures[name].peak_frame == protocol.frame_count - 1
-            for grows, condition, protocol in zip(growing, conditions, protocols, strict=True)
+            changes and condition.measures[name].peak_frame == protocol.frame_count - 1
+            for changes, condition, protocol in zip(changing, conditions, protocols, strict=True)
         ]
         yield from _about_peaks(
             name,
             last,
             "in the last frame: cut off",
-            "come in the last frame, while an object still grows: a later and larger peak cannot "
-            f"be seen; give a larger {key}",
+            "come in the last frame, while an object still grows or shrinks: a later and larger "
+            f"peak cannot be seen; give a larger {key}",
         )
 
 
-def _grows_at_end(protocol: Protocol) -> bool:
+def _changes_size_at_end(protocol: Protocol) -> bool:
     """Return whether the size of an object changes up to the last frame."""
     last = protocol.frame_count - 1
     before, after = (frame_truth(protocol, max(each, 0)).objects for each in (last - 1, last))
@@ -410,8 +420,8 @@ def _pause(protocol: Protocol) -> tuple[float, list[str]]:
     """Return the seconds before the first motion, and the keys of the protocol that set them."""
     before_s = protocol.timing.before_s
     keys = ["timing.before_s"] if before_s else []
-    moving = [each for each in protocol.objects if each.motion or each.growth]
-    if protocol.scene.motion or not moving:
+    moving = [each for each in protocol.objects if each.motion or each.growth or each.course]
+    if protocol.scene.motion or camera_of(protocol).moves or not moving:
         return before_s, keys
     onset_s = min(each.onset_s for each in moving)
     first = [each for each in moving if onset_s and each.onset_s == onset_s]
@@ -427,7 +437,8 @@ def _to_vanishing(
     for name in conditions[0].measures:
         times = [each.measures[name].peak_time_s for each in conditions]
         late = [
-            time_s is not None and any(-1e-6 < time_s - end_s < _ONSET_S for end_s in ends.values())
+            time_s is not None
+            and any(-_ROUNDING_S < time_s - end_s < _ONSET_S for end_s in ends.values())
             for ends, time_s in zip(vanishing, times, strict=True)
         ]
         yield from _about_peaks(

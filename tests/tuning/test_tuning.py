@@ -333,6 +333,24 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
         assert "--change" not in doubt.text
 
 
+@pytest.mark.parametrize(("name", "start_s"), [("receding", 0.6), ("collision-forward", 0)])
+def test_a_picture_starts_to_move_at_its_onset_if_the_camera_rests(
+    name: str, start_s: float
+) -> None:
+    changes = {"thing.onset_s": 0.6, "scene.background": "plane"}
+    entry = replace(find(f"staged/{name}")[0].with_settings(changes), sweep={})
+    sweep = Sweep(entry, resolve(models=["frame_difference"]))
+    for time_s in (0.05, 0.65):
+        peak = Measures(peak=1, peak_frame=round(30 * time_s), peak_time_s=time_s)
+        condition = Condition(entry.name, {}, {"frame_difference": peak})
+        notes = [doubt.note for doubt in doubts_about([condition], sweep)]
+        if time_s < start_s:  # noise causes such peaks
+            assert notes == ["1 of 1 peaks before the motion: no tuning"]
+        else:
+            late = time_s > start_s + 0.1
+            assert notes == ["1 of 1 peaks at the start of the motion: no tuning"] * (not late)
+
+
 @pytest.mark.long
 def test_peaks_that_the_warm_up_cuts_off_are_named(tmp_path: Path) -> None:
     """OppLoD responds from 0.1 s on; these disks grow for 0.07, 0.11 and 0.6 s."""
@@ -378,6 +396,7 @@ def test_peaks_in_the_last_frame_of_a_growth_are_named(changes: dict[str, Any], 
     assert len(doubts) == bool(key)
     for doubt in doubts:
         assert doubt[:2] == ("frame_difference", "2 of 2 peaks in the last frame: cut off")
+        assert "while an object still grows or shrinks: " in doubt.text
         assert doubt.text.endswith(f"cannot be seen; give a larger {key}")
 
 
