@@ -97,7 +97,7 @@ def shape_may_show(protocol: ProtocolTables, obj: Object, time: float) -> bool:
     display = protocol.display
     projection = Projection.of(display)
     reach = max(pose.extent.forward, pose.extent.backward)
-    across = reach if obj.kind in {"square", "cross"} else (obj.width_deg or 0.0) / 2
+    across = reach if obj.kind == "square" else (obj.width_deg or 0.0) / 2
     if pose.extent.size <= 0:
         return False
     radius = math.hypot(projection.reach(reach), projection.reach(across))

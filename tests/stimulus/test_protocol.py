@@ -162,6 +162,10 @@ def test_an_object_outside_of_the_field() -> None:
         protocol_of(screen)
     with pytest.raises(StimulusError, match="or of size 0 in every frame; change centre_deg, its"):
         protocol_of(GOOD[: GOOD.index("[object.growth]")] + "size_deg = 0")
+    # A cross reaches only to the ends of its arms: to 7.1 deg, and it lies 8 deg outside.
+    cross = SIZED.replace("size_deg = 4", "size_deg = 4\ncentre_deg = [20.5, 0]\nwidth_deg = 2")
+    with pytest.raises(StimulusError, match="outside the field"):
+        protocol_of(cross.replace('kind = "disk"', 'kind = "cross"'))
     # one that moves in is not outside
     moving = text + "[object.motion]\nspeed_deg_s = 30\ndirection_deg = -45\n"
     assert protocol_of(moving).frame_count > 0

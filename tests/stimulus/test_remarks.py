@@ -102,6 +102,8 @@ def test_coherence_that_has_no_effect(motion: str, remarked: bool) -> None:
     [
         ("l_over_v_ms = 40", ""),
         ("l_over_v_ms = 40\nmost_deg = 20\nleast_deg = 10", ""),
+        ("l_over_v_ms = 5", ""),  # 0.85 of the growth in one frame
+        ("l_over_v_ms = 3", "from one frame to the next"),  # 0.91
         ("l_over_v_ms = 0.04", "from one frame to the next"),  # seconds
         ("l_over_v_ms = 0.04\nmost_deg = 20", "from one frame to the next"),
         ("l_over_v_ms = 40\ncontact_s = 60\nleast_deg = 1", "the same in every frame"),
