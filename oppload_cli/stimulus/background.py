@@ -95,7 +95,7 @@ class Drawn:
         return _surroundings(kind, seed, camera_of(protocol).height_m), view_of(protocol, time)
 
     def picture(self, time: float, _frame_s: float) -> Picture:
-        """Return a new picture; one of a camera that has not moved since is drawn only once."""
+        """Return a new picture; while the camera rests, the surroundings are drawn only once."""
         surroundings, view = seen = self.seen_at(time)
         if self._last is None or self._last[0] != seen:
             self._last = seen, surroundings.picture(view)
@@ -217,7 +217,7 @@ class _Surroundings:
     haze: float  # luminance of the haze, and of pixels that show no surface
 
     def picture(self, view: View) -> Picture:
-        """Return the place as a camera sees it, float32 (h, w), luminance 0 to 1."""
+        """Return the surroundings as a camera sees them, float32 (h, w), luminance 0 to 1."""
         picture = np.full(view.projection.shape, self.haze, np.float32)
         for surface, placed in self._seen_surfaces(view):
             colours = surface.values(placed)
@@ -264,7 +264,7 @@ def _surroundings(kind: str, seed: int, camera_m: float) -> _Surroundings:
     return _KINDS[kind](random, -camera_m)
 
 
-# ---- Surfaces ------------------------------------------------------------------------------
+# ---- Textures and surfaces -----------------------------------------------------------------
 
 
 def _noise(random: Random, exponent: float = 1.0) -> Picture:
@@ -313,7 +313,7 @@ def _sky(random: Random, horizon: float = 0.8) -> Picture:
     return np.where(rise < hills, 0.45, sky).astype(np.float32)
 
 
-# ---- Places --------------------------------------------------------------------------------
+# ---- Kinds of surroundings -----------------------------------------------------------------
 
 
 def _plane(random: Random, down: float) -> _Surroundings:

@@ -44,7 +44,7 @@ _CAPTION = 14  # pixels for the time under a picture
 
 
 def sheet_frames(count: int, shown: int = 8) -> list[int]:
-    """Return at most `shown` of `count` frames, evenly spaced, with the first and the last one."""
+    """Return the numbers of at most `shown` of `count` frames, evenly spaced from first to last."""
     return sorted({round(index * (count - 1) / (shown - 1)) for index in range(shown)})
 
 
@@ -283,7 +283,8 @@ def write(
             if progress is not None:
                 progress(1)
     try:
-        texts = ground_truth_text(protocol)  # with the name of a file, which may be of any bytes
+        texts = ground_truth_text(protocol)
+        # The name of a file in the protocol may be of any bytes.
         write_atomic(truth, (text.encode(errors="backslashreplace") for text in texts))
         if preview:
             times = [protocol.time_of(index) for index in shown]

@@ -31,7 +31,7 @@ class Extent:
         """The full size in degrees."""
         return self.forward + self.backward
 
-    def times(self, sign: float) -> Extent:
+    def with_speeds_times(self, sign: float) -> Extent:
         """Return a copy whose speeds are multiplied by `sign`: 1, -1 (backwards) or 0 (still)."""
         return Extent(
             self.forward, self.backward, sign * self.forward_speed, sign * self.backward_speed

@@ -49,7 +49,7 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     if obj.growth is not None and obj.growth.kind == "steps":
         # In the pause, a step of the size at the start of the motion has not yet come.
         growth_phase = min(phase, end - time if obj.reverse else time - start)
-    extent = _extent_of(protocol, obj, growth_phase).times(sign)
+    extent = _extent_of(protocol, obj, growth_phase).with_speeds_times(sign)
     travel, velocity, turn = _movement(
         obj.motion, phase, obj.axis_deg, f"{protocol.seed}/{obj.id}", backwards=obj.reverse
     )
@@ -358,8 +358,8 @@ def _approach(growth: Growth | Brightness, remaining: float) -> Extent:
     """Return the reach of an object that approaches at constant speed.
 
     Its angular size is ``2 atan((l/v) / remaining)``, with l the half size of the object, v its
-    speed and `remaining` the seconds until contact (Gabbiani et al. 1999). From contact on, the
-    object fills the view.
+    speed and `remaining` the seconds until contact (Gabbiani et al. 1999, J Neurosci 19:1122). From
+    contact on, the object fills the view.
     """
     ratio, most = (growth.l_over_v_ms or 0.0) / 1000, (growth.most_deg or 180.0) / 2
     half = math.degrees(math.atan2(ratio, remaining))  # from contact on at least 90
@@ -370,7 +370,7 @@ def _approach(growth: Growth | Brightness, remaining: float) -> Extent:
 
 
 def _constant_edge_speed(growth: Growth, size: float, elapsed: float, backwards: bool) -> Extent:
-    """Return the reach of a shape whose edges move at constant speed; `size` is that at first."""
+    """Return the reach of a shape whose edges move at constant speed; `size` is its first size."""
     speed = growth.speed_deg_s or 0.0
     forward = speed if growth.sides in {"both", "forward"} else 0.0
     backward = speed if growth.sides in {"both", "backward"} else 0.0
@@ -383,4 +383,4 @@ def _constant_edge_speed(growth: Growth, size: float, elapsed: float, backwards:
         if growth.end_deg < size:
             forward, backward = -forward, -backward
     reach = Extent(size / 2 + forward * elapsed, size / 2 + backward * elapsed, forward, backward)
-    return reach.times(1.0 if moving else 0.0)
+    return reach.with_speeds_times(1.0 if moving else 0.0)

@@ -12,8 +12,8 @@ from oppload_cli.stimulus.courses import Course
 
 GRATINGS = ("square-grating", "sine-grating", "plaid")
 _PATTERNS = (*GRATINGS, "texture", "dots")
-FIELDS = ("field", *_PATTERNS)
-SIZED = ("disk", "square", "bar", "cross", "ring", "patch")
+FIELDS = ("field", *_PATTERNS)  # fill the display or an aperture
+SIZED = ("disk", "square", "bar", "cross", "ring", "patch")  # shapes that have a size
 PICTURE = "picture"
 KINDS = (*SIZED, "edge", *FIELDS, PICTURE)
 DRAWINGS = ("ball", "box", "car", "bird")

@@ -393,7 +393,7 @@ _DRAWINGS: dict[str, Callable[[np.random.Generator], tuple[Picture, Picture]]] =
 
 @lru_cache(maxsize=1)
 def shadow_of() -> Texture:
-    """Return the opacity of a soft round shadow: (h, w, 2), black."""
+    """Return a soft round shadow: a black texture with opacity."""
     x, y = _grid(1)
     share = np.clip(1.3 * (1 - np.hypot(x, y)), 0, 1) ** 0.7
     layers = np.stack([np.zeros_like(share), share], axis=-1)

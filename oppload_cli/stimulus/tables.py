@@ -80,7 +80,7 @@ class Display(Table):
         return self.width / 2 / math.tan(math.radians(view / 2)) * math.pi / 180
 
     def angle_of(self, pixels: float) -> float:
-        """Return the angle in degrees that a length spans whose middle is that of the field."""
+        """Return the degrees that a length in pixels spans about the middle of the field."""
         angle = pixels / self.scale
         if self.projection == "flat":
             return angle
@@ -133,7 +133,7 @@ class Camera(Table):
 
     @property
     def moves(self) -> bool:
-        """Whether it moves or turns."""
+        """Whether the camera moves, turns, or does not look straight ahead."""
         return bool(self.forward_m_s or self.pan_deg_s or self.shake_deg or self.start_deg)
 
 
