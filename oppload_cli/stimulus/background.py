@@ -146,13 +146,13 @@ class _Video:
     def picture(self, _time: float, frame_s: float) -> Picture:
         # The video has its own motion blur: it shows one picture while the shutter is open.
         video_s = math.fmod(frame_s + self._first + _ROUNDED_S, self._end)
-        index = max(int(np.searchsorted(self._times, video_s, side="right")) - 1, 0)
+        index = int(np.searchsorted(self._times, video_s, side="right")) - 1
         return np.asarray(self._pictures[index].astype(np.float32) / np.float32(255))
 
 
 @lru_cache(maxsize=2)
-def _footage(scene: Scene, display: Display, last_s: float, changed: int) -> Footage:  # noqa: ARG001
-    """Read the video of a scene up to the time `last_s`.
+def _footage(scene: Scene, display: Display, until_s: float, changed: int) -> Footage:  # noqa: ARG001
+    """Read the video of a scene up to the time `until_s`.
 
     Returns the times of its pictures, the pictures in grey, and the end of the last picture.
     `changed` is the time at which the file was changed: a changed file is read again.
@@ -175,17 +175,17 @@ def _footage(scene: Scene, display: Display, last_s: float, changed: int) -> Foo
         for frame in video:
             times.append(frame.time_s)
             pictures.append(_covering(frame.luma, width, height))
-            if frame.time_s > last_s:
+            if frame.time_s > until_s:
                 break
             if len(pictures) * width * height > _MOST_BYTES:
                 raise StimulusError("it does not fit into memory; shorten timing")
     if not times:
         raise StimulusError("it has no frame that can be read; give another video")
-    lasted_s, steps = times[-1] - times[0], len(times) - 1
-    if rate and abs(lasted_s - steps / rate) <= 2 * _ROUNDED_S:  # the times are even, but rounded
-        end_s = times[0] + len(times) / float(rate)
+    last_s, steps = times[-1], len(times) - 1  # the first time is 0
+    if rate and abs(last_s - steps / rate) <= 2 * _ROUNDED_S:  # the times are even, but rounded
+        end_s = len(times) / float(rate)
     else:
-        end_s = times[-1] + (lasted_s / steps if steps else 1 / float(rate or 30))
+        end_s = last_s + (last_s / steps if steps else 1 / 30)
     return tuple(times), np.stack(pictures), end_s
 
 
