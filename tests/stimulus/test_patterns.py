@@ -130,6 +130,16 @@ def test_the_finest_wavelength_of_a_texture(finest_deg: float | None, finest_px:
     assert np.abs(picture[:, :128] - picture[:, 128:]).max() > 0.1
 
 
+def test_a_texture_has_no_wavelength_below_two_samples() -> None:
+    """Samples hold shorter wavelengths along the diagonals only; 0.2 deg are two samples here."""
+    display = {"width": 32, "height": 32}
+    grounds = (stimulus.Object(id="t", kind="texture", finest_deg=each) for each in (0.19, 0.01))
+    first, second = (
+        stimulus.Renderer(made(each, display=display)).luminance(0) for each in grounds
+    )
+    np.testing.assert_array_equal(first, second)
+
+
 def test_a_textured_disk_is_a_disk_whose_texture_grows_with_it() -> None:
     display = {"width": 260, "height": 260, "pixels_per_degree": 2}
 
