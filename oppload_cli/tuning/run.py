@@ -382,7 +382,8 @@ def _cut_off_by_end(
 ) -> Iterator[Doubt]:
     """Yield the detectors whose response might have grown further, but the stimulus ends."""
     changing = [_changes_size_at_end(protocol) for protocol in protocols]
-    stated = any(obj.growth and obj.growth.contact_s for each in protocols for obj in each.objects)
+    approaches = [obj.growth or obj.course for each in protocols for obj in each.objects]
+    stated = any(approach and approach.contact_s for approach in approaches)
     key = "timing.motion_s" if stated else "timing.after_s"
     for name in conditions[0].measures:
         last = [

@@ -400,6 +400,20 @@ def test_peaks_in_the_last_frame_of_a_growth_are_named(changes: dict[str, Any], 
         assert doubt.text.endswith(f"cannot be seen; give a larger {key}")
 
 
+@pytest.mark.parametrize(("contact", "key"), [({}, "after_s"), ({"contact_s": 3}, "motion_s")])
+def test_a_picture_with_a_stated_contact_needs_a_longer_motion(
+    contact: dict[str, float], key: str
+) -> None:
+    """In the pause after its motion, a picture may have no contact."""
+    changes = {f"thing.course.{name}": value for name, value in contact.items()}
+    entry = replace(find("staged/collision")[0].with_settings(changes), sweep={})
+    sweep = Sweep(entry, resolve(models=["frame_difference"]))
+    peak = Measures(peak=1, peak_frame=71, peak_time_s=71 / 30)
+    condition = Condition(entry.name, {}, {"frame_difference": peak})
+    (doubt,) = doubts_about([condition], sweep)
+    assert doubt.text.endswith(f"give a larger timing.{key}")
+
+
 def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
     shown = disk(tmp_path).with_settings({"timing.after_s": 0.4})
     gone = shown.with_settings({"disk.vanishes": "end"})
