@@ -347,7 +347,7 @@ def _full_keys(word: str, table: Mapping[str, Any]) -> str:
         f"'{owner}.{each.name}'"
         for owner, group, kind in owners
         for each in group.declared()
-        if word == each.name or (each.unit and word == each.name.rpartition("_")[0])
+        if word == each.name or (each.unit and word == each.name.rsplit("_", 1)[0])
         if not each.table and (not each.kinds or kind in each.kinds)
     ]
     return f"; did you mean {' or '.join(keys)}?" if keys else ""

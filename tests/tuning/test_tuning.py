@@ -486,6 +486,7 @@ def test_a_sweep_of_the_seed_shows_other_noise() -> None:
         ("klapoetke2017/loom", ["noise=0,1"], r"'noise'; did you mean 'effects\.noise'\?$"),
         ("klapoetke2017/loom", ["before=0,1"], r"'before'; did you mean 'timing\.before_s'\?$"),
         ("klapoetke2017/loom", ["luminance=0,1"], r"did you mean 'disk\.luminance'\?$"),
+        ("klapoetke2017/loom", ["=0,1"], "no parameter ''; choose axis, direction, "),
         ("klapoetke2017/loom", ["coherence=0,1"], "'coherence'; choose axis, direction, "),
         (
             "klapoetke2017/loom",
