@@ -4,9 +4,13 @@ import json
 import re
 from typing import TYPE_CHECKING
 
+import click
 import pytest
 from pandas import read_csv
 
+from oppload_cli.cli.tune import tune
+from oppload_cli.stimulus.tables import WORDS
+from oppload_cli.tuning.sweeps import FIGURES
 from tests.cli.inside import Done, oppload
 from tests.results.make import rows_of
 from tests.tuning.test_tuning import DISK
@@ -27,6 +31,13 @@ def faint(done: Done) -> list[str]:
     return re.findall(
         r"^oppload: (\S+) (?:hardly responds|does not respond)", done.stderr, re.MULTILINE
     )
+
+
+def test_the_help_names_every_figure_and_every_word() -> None:
+    """The help has copies, because the modules with the lists would slow it down."""
+    helps = {each.name: each.help or "" for each in tune.params if isinstance(each, click.Option)}
+    assert f": {', '.join(FIGURES)}, or all " in helps["figures"]
+    assert f": {', '.join(WORDS)}, seed or " in helps["over"]
 
 
 @pytest.mark.long
