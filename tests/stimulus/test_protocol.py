@@ -73,6 +73,9 @@ def test_field_of_view() -> None:
     assert flat.scale == 5
     wide = Display(width=400, height=300, field_of_view_deg=90, projection="perspective")
     assert wide.scale == pytest.approx(200 * 3.14159265358979 / 180)
+    assert Display(width=8, height=8, field_of_view_deg=360).scale == 8 / 360
+    with pytest.raises(StimulusError, match="must be below 179 deg"):
+        Display(width=8, height=8, field_of_view_deg=179, projection="perspective")
 
 
 NO_SIZES = "sizes_deg = []\ntimes_s = []"
