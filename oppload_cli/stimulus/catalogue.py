@@ -293,7 +293,7 @@ def find(wanted: str) -> list[Entry]:
     """
     if not isinstance(wanted, str):
         raise StimulusError(f"a stimulus must be a name or a path, not {wanted!r:.60}")
-    file, toml, member = wanted.partition(".toml")
+    file, toml, member = wanted.rpartition(".toml")
     member = member.replace(os.sep, "/")  # Windows completes a path with its own separators
     if toml and (not member or member.startswith("/")):
         return [_of_file(read_entry(Path(file + toml)), member)]

@@ -160,6 +160,10 @@ def test_members_of_a_file_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
     }
     for wanted, expected in names.items():
         assert [each.name for each in stimulus.load_all(wanted)] == expected
+    # A folder may have any name.
+    (tmp_path / "old.toml.d").mkdir()
+    shutil.copy(source, tmp_path / "old.toml.d" / "my.toml")
+    assert stimulus.load("old.toml.d/my.toml/l-over-v-40").name == "my/l-over-v-40"
     # The brackets of the file's own name are no pattern.
     shutil.copy(source, tmp_path / "my[1].toml")
     assert stimulus.load("my[1].toml/l-over-v-40").name == "my[1]/l-over-v-40"
