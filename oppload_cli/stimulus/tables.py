@@ -311,15 +311,15 @@ def key_of(
 
 
 def _meant(word: str, table: Mapping[str, Any], sweep: Collection[str]) -> list[str]:
-    """Return the keys that a word may mean: the only key that is swept, or keys with a value."""
+    """Return the keys that a word may mean: keys that are swept, or else keys with a value."""
     objects = _objects_of(table)
 
     def keys(patterns: tuple[str, ...]) -> list[str]:
         return [pattern.format(id=one.get("id")) for one in objects for pattern in patterns]
 
-    swept = set(keys((*WORDS[word], *_WHERE_SWEPT.get(word, ())))) & set(sweep)
-    if len(swept) == 1:
-        return list(swept)
+    meant = dict.fromkeys(keys((*WORDS[word], *_WHERE_SWEPT.get(word, ()))))
+    if swept := [key for key in meant if key in sweep]:
+        return swept
     if word in {"axis", "direction"}:
         return ["scene.rotation_deg"]
     if word == "position" and objects:

@@ -238,6 +238,12 @@ def test_words_stand_for_keys() -> None:
     (disk,) = aside.objects
     assert disk.growth is not None
     assert (disk.centre_deg, disk.growth.speed_deg_s) == ((3, 4), 7)
+    loom = stimulus.find("klapoetke2017/loom")[0]
+    ends = replace(loom, sweep={"disk.growth.end_deg": [40, 60]})
+    assert ends.with_settings({"size": 50}).sweep == {"disk.growth.end_deg": [50]}
+    sizes = replace(ends, sweep={**ends.sweep, "disk.size_deg": [10, 20]})
+    with pytest.raises(StimulusError, match=r"that is disk\.size_deg or disk\.growth\.end_deg; wr"):
+        sizes.with_settings({"size": 50})
 
 
 def test_a_changed_value_replaces_the_one_that_stands_for_the_same() -> None:
