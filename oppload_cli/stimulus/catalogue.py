@@ -157,8 +157,8 @@ class Entry:
                 table = without(table, replaced)
                 sweep.pop(replaced, None)
             if dotted in sweep:
-                several = isinstance(value, list) and not isinstance(sweep[dotted][0], list)
-                sweep[dotted] = value if several and value else [value]
+                several = _depth(value) > _depth(sweep[dotted][0])
+                sweep[dotted] = value if several else [value]
             else:
                 table = with_value(table, dotted, value, f"{self.name}: {option} {dotted}", WORDS)
         changes = {**self.changes, **settings}
@@ -488,6 +488,11 @@ def _sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any
     if members > _MOST_MEMBERS:
         raise StimulusError(f"{where}: sweep makes {members} stimuli; the most is {_MOST_MEMBERS}")
     return flat
+
+
+def _depth(value: object) -> int:
+    """Return how many lists lie in one another: 0 for a number, 1 for a position."""
+    return 1 + _depth(value[0]) if isinstance(value, list) and value else 0
 
 
 def in_toml(value: object) -> str:

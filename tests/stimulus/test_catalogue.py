@@ -179,7 +179,8 @@ def test_the_names_of_members_tell_keys_and_values_apart() -> None:
         "controls/two-looming-disks/first-centre-0x2.25_second-centre-1x0"
     ]
     places = stimulus.find("klapoetke2017/loom-position")[0]
-    assert places.with_settings({"position": [1, 2]}).sweep == {"disk.centre_deg": [[1, 2]]}
+    for given, values in (([1, 2], [[1, 2]]), ([[1, 2], [3, 4]], [[1, 2], [3, 4]])):
+        assert places.with_settings({"position": given}).sweep == {"disk.centre_deg": values}
     # The end of a name comes before a part of another one, 'flickering-disk'.
     assert [entry.name for entry in stimulus.find("flicker")] == ["controls/flicker"]
 

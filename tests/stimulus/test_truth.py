@@ -144,6 +144,14 @@ def test_a_disk_that_grows_at_constant_edge_speed_passes_too(
     assert truth["looming"] is not passes
 
 
+def test_a_shape_that_fills_every_display_has_no_speed_there() -> None:
+    """Near 180 degrees the tangent of half the size has no bound; the drawn outline keeps still."""
+    screen = Projection((60, 80), 1.0, perspective=True)
+    assert screen.reach(89.99) == screen.reach(89.9)
+    speeds = [screen.reach_speed(angle, 10) for angle in (0, 45, 89.9, -89.9)]
+    assert speeds == pytest.approx([10, 20, 0, 0])
+
+
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
