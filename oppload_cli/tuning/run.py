@@ -272,7 +272,7 @@ def doubts_about(
         yield from _cut_off_by_end(conditions, protocols)
         if not indicator_s:  # with one, a peak may come at the end of any motion
             yield from _to_vanishing(conditions, protocols)
-    yield from _unlike_neurons(settings, protocols[0].display.height, indicator_s)
+    yield from _unlike_neurons(settings, indicator_s)
 
 
 def faint(peaks: Mapping[str, float], settings: Settings) -> Iterator[Doubt]:
@@ -460,22 +460,21 @@ def _vanishing(protocol: Protocol) -> dict[str, float]:
     }
 
 
-def _unlike_neurons(settings: Settings, height: int, indicator_s: float) -> Iterator[Doubt]:
+def _unlike_neurons(settings: Settings, indicator_s: float) -> Iterator[Doubt]:
     """Yield the detectors that model LPLC2 neurons, but are not measured as the neurons were.
 
     The neurons were recorded one at a time, with a calcium indicator (``docs/lplc2.md``). Without
     an indicator, the peak is that of the first transient; with many units, the strongest one gives
-    the peak. Each of these makes the responses to bars several times as large. `height` is the
-    height of the stimulus in px.
+    the peak. Each of these makes the responses to bars several times as large.
     """
-    resolved = settings.with_all_detectors().resolved(settings.height or height)
     for name in settings.models:
-        if getattr(resolved[name], "judgement", "") != _NEURON:
+        params = settings.groups[name]
+        if getattr(params, "judgement", "") != _NEURON:
             continue
         remedies = {}  # by cause
         if not indicator_s:
             remedies["no indicator"] = "--indicator 1"
-        if getattr(resolved[name], "units", _ONE_UNIT) != _ONE_UNIT:
+        if getattr(params, "units", _ONE_UNIT) != _ONE_UNIT:
             remedies["more than one unit"] = f"--set {name}.units={_ONE_UNIT}"
         if remedies:
             cause = " and ".join(remedies)

@@ -190,6 +190,9 @@ def test_nothing_found_suggests_the_nearest() -> None:
         stimulus.find("klapoetke2017/lom")
     with pytest.raises(StimulusError, match="oppload stimuli list"):
         stimulus.find("zzz*")
+    with pytest.raises(StimulusError, match="no stimulus 'zi'"):
+        stimulus.find("zi")  # two letters are too few for a part of a name
+    assert [entry.name for entry in stimulus.find("zig")] == ["controls/zigzag-disk"]
     with pytest.raises(StimulusError, match="is 12 stimuli; name one of them"):
         stimulus.load("klapoetke2017/bar-expand-10")
     with pytest.raises(StimulusError, match="must be a name or a path, not 42"):

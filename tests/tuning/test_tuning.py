@@ -333,21 +333,28 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
         assert "--change" not in doubt.text
 
 
-@pytest.mark.parametrize(("name", "start_s"), [("receding", 0.6), ("collision-forward", 0)])
-def test_a_picture_starts_to_move_at_its_onset_if_the_camera_rests(
-    name: str, start_s: float
+@pytest.mark.parametrize(
+    ("name", "changes", "start_s"),
+    [
+        ("staged/receding", {"thing.onset_s": 0.6}, 0.6),
+        ("staged/collision-forward", {"thing.onset_s": 0.6}, 0),
+        ("klapoetke2017/loom", {"disk.onset_s": 0.6}, 0.8),
+        ("klapoetke2017/loom", {"disk.onset_s": 0.6, "scene.motion.speed_deg_s": 5}, 0.2),
+    ],
+)
+def test_the_motion_starts_at_the_first_onset_if_scene_and_camera_rest(
+    name: str, changes: dict[str, Any], start_s: float
 ) -> None:
-    changes = {"thing.onset_s": 0.6, "scene.background": "plane"}
-    entry = replace(find(f"staged/{name}")[0].with_settings(changes), sweep={})
+    entry = replace(find(name)[0].with_settings(changes), sweep={})
     sweep = Sweep(entry, resolve(models=["frame_difference"]))
-    for time_s in (0.05, 0.65):
+    for time_s in (start_s - 0.05, start_s + 0.05, start_s + 0.15):
         peak = Measures(peak=1, peak_frame=round(30 * time_s), peak_time_s=time_s)
         condition = Condition(entry.name, {}, {"frame_difference": peak})
         notes = [doubt.note for doubt in doubts_about([condition], sweep)]
         if time_s < start_s:  # noise causes such peaks
             assert notes == ["1 of 1 peaks before the motion: no tuning"]
         else:
-            late = time_s > start_s + 0.1
+            late = time_s == start_s + 0.15
             assert notes == ["1 of 1 peaks at the start of the motion: no tuning"] * (not late)
 
 
@@ -368,6 +375,12 @@ def test_peaks_that_the_warm_up_cuts_off_are_named(tmp_path: Path) -> None:
         ("opplod", "2 of 3 peaks cut off by the warm-up: no tuning")
     ]
     assert "responds only from 0.1 s after the start of the motion on" in doubts[0].text
+    # If an earlier frame has a response, the warm-up cuts nothing off.
+    rising = replace(middle, onset_frame=(middle.peak_frame or 0) - 1)
+    measures = {**conditions[1].measures, "opplod": rising}
+    others = [conditions[0], replace(conditions[1], measures=measures), conditions[2]]
+    notes = [doubt.note for doubt in doubts_about(others, Sweep(entry, settings))]
+    assert "1 of 3 peaks cut off by the warm-up: no tuning" in notes
     # In a longer motion the largest response may be the first one.
     longer = entry.with_settings({"disk.growth.speed_deg_s": [15]})
     first = [
@@ -414,6 +427,7 @@ def test_a_picture_with_a_stated_contact_needs_a_longer_motion(
     assert doubt.text.endswith(f"give a larger timing.{key}")
 
 
+@pytest.mark.long
 def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
     shown = disk(tmp_path).with_settings({"timing.after_s": 0.4})
     gone = shown.with_settings({"disk.vanishes": "end"})
@@ -421,6 +435,10 @@ def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
     (doubt,) = doubts_about(tune(Sweep(gone, settings)), Sweep(gone, settings))
     assert doubt[:2] == ("frame_difference", "3 of 3 peaks when an object vanishes: no tuning")
     assert doubt.text.endswith("; --change disk.vanishes=never keeps the object")
+    # Its first frame without the object is the last one.
+    short = gone.with_settings({"timing.after_s": 0.04, "disk.growth.speed_deg_s": [35]})
+    (doubt,) = doubts_about(tune(Sweep(short, settings)), Sweep(short, settings))
+    assert doubt.note == "1 of 1 peaks when an object vanishes: no tuning"
     assert not list(doubts_about(tune(Sweep(shown, settings)), Sweep(shown, settings)))
     early, *_ = tune(Sweep(gone, settings))
     before = replace(early.measures["frame_difference"], peak_time_s=0.3)
@@ -551,6 +569,14 @@ def test_frames_of_the_motion_decide_whether_a_stimulus_is_symmetric(
     changed = f"(changed: timing.{pause} = 4)"
     for described in (content["stimulus"], content["stimulus"]["first"]):
         assert described["description"].endswith(changed)
+
+
+def test_frames_of_a_late_motion_decide_too() -> None:
+    """One and two thirds of the motion of the clip lie before the bar grows at one end."""
+    changes = {"timing.motion_s": 12, "bar.onset_s": 10}
+    entry = swept("klapoetke2017/bar-expand-10-one-end", []).with_settings(changes)
+    content = tuning_sidecar(Sweep(entry, resolve()), command=[])
+    assert content["stimulus"]["symmetric"] is False
 
 
 def test_with_an_indicator_a_faint_response_is_no_doubt() -> None:
