@@ -24,6 +24,7 @@ from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
 from oppload_cli.schema import parsed_fraction
+from oppload_cli.stimulus.kinematics import ROUNDING_S
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.staging import camera_of
 from oppload_cli.stimulus.truth import frame_truth
@@ -45,7 +46,6 @@ _PRESENTATION = "presentation"  # column of the number of a presentation in a ro
 _FAINT = 0.1  # of the floor of the alarm; a detector with smaller responses hardly responds
 _ONSET_INTERVALS = 2.5  # of 1/30 s: two intervals, and half an interval for a late frame
 _ONSET_S = _ONSET_INTERVALS / 30
-_ROUNDING_S = 1e-6  # more than the rounding error of a time
 _NEURON = "arms"  # the judgement of a detector that responds like one LPLC2 neuron
 _ONE_UNIT = "1x1"
 
@@ -322,11 +322,11 @@ def _to_onset(conditions: Sequence[Condition], protocols: Sequence[Protocol]) ->
         ]
         yield from _about_peaks(
             name,
-            [each <= -_ROUNDING_S for each in since_s],
+            [each <= -ROUNDING_S for each in since_s],
             "before the motion: no tuning",
             "come before the start of the motion: they are no responses to it, and show no tuning",
         )
-        early = [-_ROUNDING_S < each < _ONSET_S for each in since_s]
+        early = [-ROUNDING_S < each < _ONSET_S for each in since_s]
         helps = keys and detector_named(name).warm_up > _ONSET_INTERVALS
         yield from _about_peaks(
             name,
@@ -439,7 +439,7 @@ def _to_vanishing(
         times = [each.measures[name].peak_time_s for each in conditions]
         late = [
             time_s is not None
-            and any(-_ROUNDING_S < time_s - end_s < _ONSET_S for end_s in ends.values())
+            and any(-ROUNDING_S < time_s - end_s < _ONSET_S for end_s in ends.values())
             for ends, time_s in zip(vanishing, times, strict=True)
         ]
         yield from _about_peaks(
