@@ -268,7 +268,7 @@ def _with_paths(part: Any, folder: Path, key: str = "") -> Any:
     background = key in {"background", "scene.background"} and part not in SURROUNDINGS
     if not background and key.rpartition(".")[2] != "file":
         return part
-    return str(folder / part) if isinstance(part, str) and part and "\0" not in part else part
+    return str(folder / part) if isinstance(part, str) and part else part
 
 
 def find(wanted: str) -> list[Entry]:

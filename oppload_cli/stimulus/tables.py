@@ -183,9 +183,10 @@ class Scene(Table):
         super().__post_init__()
         if self.motion is not None and self.motion.zoom_per_s:
             raise StimulusError("motion: zoom_per_s is for patterns, not for the scene")
-        if self.background == "":
+        if self.background is not None and (not self.background or "\0" in self.background):
             raise StimulusError(
-                "background is empty; name drawn surroundings or a video, or leave it out"
+                "background is empty or has a zero character; name drawn surroundings or a video, "
+                "or leave it out"
             )
         for key in ("background_start_s", "background_end", "background_fit", "background_rate"):
             if getattr(self, key) is not None and not self.has_file:

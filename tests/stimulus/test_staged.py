@@ -629,6 +629,11 @@ HIT = {"kind": "collision", "speed_m_s": 2.0}
             "camera: .* need drawn surroundings; scene.background = 'a.mp4', an image or a video,",
         ),
         (HIT, {"scene": {"background": ""}}, "scene: background is empty"),
+        (
+            HIT,
+            {"scene": {"background": "a\0.mp4"}},
+            "scene: background is empty or has a zero char",
+        ),
         (HIT, {"scene": {"background_end": "loop"}}, "background_end goes with a video"),
         (HIT, {"scene": {"cut_s": 0.5}}, "cut_s goes with drawn surroundings"),
     ],
