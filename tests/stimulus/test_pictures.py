@@ -101,8 +101,11 @@ def test_an_image_is_cut_to_its_opaque_part_and_scaled(tmp_path: Path) -> None:
 
 
 def test_a_large_image_is_reduced_to_2048_texels(tmp_path: Path) -> None:
-    grey, opacity = np.full((2600, 13), 200, np.uint8), np.full((2600, 13), 255, np.uint8)
+    grey, opacity = np.full((6144, 13), 255, np.uint8), np.full((6144, 13), 255, np.uint8)
+    grey[1::3] = 0
     opacity[0, 0] = 0
     cut = cutout_of(write(tmp_path / "large.png", grey, opacity), 0)
-    assert (cut.width, cut.height) == pytest.approx((13 / 2600, 1))
-    assert (cut.texture.width, cut.texture.height) == (10, 2048)
+    assert (cut.width, cut.height) == pytest.approx((13 / 6144, 1))
+    assert (cut.texture.width, cut.texture.height) == (4, 2048)
+    # Each texel is the mean of the rows that it replaces.
+    assert cut.texture.levels[0][9:2000, 2, 0] == pytest.approx(2 / 3, abs=0.01)
