@@ -262,6 +262,18 @@ def test_a_picture_has_the_brightness_of_its_scene(tmp_path: Path) -> None:
     assert Renderer(ball).luminance(0)[inside].mean() == pytest.approx(0.3, rel=0.02)
 
 
+def test_a_black_picture_stays_black_at_any_relative_luminance(tmp_path: Path) -> None:
+    rgba = np.zeros((20, 20, 4), np.uint8)
+    rgba[2:-2, 2:-2, 3] = 255
+    cv2.imwrite(str(tmp_path / "black.png"), rgba)
+    course, display = {"kind": "hovering", "distance_m": 1.0}, {"background": 0.5}
+    protocol = staged(
+        course, file=str(tmp_path / "black.png"), relative_luminance=2.0, display=display
+    )
+    picture = Renderer(protocol).luminance(0)
+    assert (picture[HEIGHT // 2, WIDTH // 2], picture[0, 0]) == (0, 0.5)
+
+
 def test_a_frame_is_the_same_whichever_frames_were_drawn_before() -> None:
     course = {"kind": "straight", "start_m": [-0.4, 0, 3], "velocity_m_s": [1, 0, 0]}
     protocol = staged(course, {"background": "plane"})
