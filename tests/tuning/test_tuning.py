@@ -518,6 +518,7 @@ def test_a_sweep_of_the_seed_shows_other_noise() -> None:
             "axis, direction, l/v, position, or a full key such as scene.rotation_deg",
         ),
         ("klapoetke2017/loom", ["position=0,10"], r"write position=\[\[0,0\],\[10,0\]\]$"),
+        ("klapoetke2017/loom", ["position=[[0,1],2]"], r"write position=\[\[0,1\],\[2,0\]\]$"),
         ("klapoetke2017/cross-inward", ["width=1,2"], "that is inward-right.width_deg or"),
         (
             "klapoetke2017/loom",
