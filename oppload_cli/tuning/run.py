@@ -209,17 +209,16 @@ def tuning_sidecar(
 def _changed(settings: Settings, resolved: Mapping[str, Parameters], height: int) -> dict[str, Any]:
     """Return the parameters of the measured detectors that differ from those of the preset.
 
-    A file of settings may also state values that are those of the preset. `height` is the working
-    height, for which the parameters are `resolved`.
+    `height` is the working height, for which the parameters are `resolved`.
     """
     usual = {
         name: parameters_of(name, settings.preset).resolved(height).as_dict()
         for name in settings.models
     }
     changed: dict[str, Any] = {}
-    for key, origin in settings.origins.items():
+    for key in settings.origins:
         group, _, name = key.partition(".")
-        if group in settings.models and name and not origin.startswith("preset"):
+        if group in settings.models and name:
             angle = settings.angles.get(key)
             value = resolved[group].as_dict().get(name)
             if angle is not None or value != usual[group].get(name):
