@@ -13,6 +13,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots import style
+from oppload_cli.plots.naming import in_number_order, labels_of
 from oppload_cli.results.alarms import uncounted, uncounted_in
 from oppload_cli.results.reading import alarm_rows, frame_ends, known_threshold
 from oppload_cli.results.truths import contacts_of, stated_contact, usable_truth
@@ -144,10 +145,10 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
     detectors = [options.models or result.models for result in results]
     for result, names in zip(results, detectors, strict=True):
         result.need_responses(names)
-    labels = style.labels_of(results, options.labels)
+    labels = labels_of(results, options.labels)
     groups = [
         _curves_of_result(results[at], at, labels[at], detectors[at], options)
-        for at in style.in_number_order(labels)
+        for at in in_number_order(labels)
     ]
     if len(results) > 1 and len(set(detectors)) == 1 and len(detectors[0]) == 1:
         curves = [curve for group in groups for curve in group]

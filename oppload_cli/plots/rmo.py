@@ -8,6 +8,7 @@ import numpy as np
 
 from oppload_cli.errors import ResultError
 from oppload_cli.plots import style
+from oppload_cli.plots.naming import labels_of
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import BaseResult
 
@@ -84,7 +85,7 @@ def plot_rmo(
     heights = [1.2, 1, 0.8] * len(results)
     with style.styled_figure(style.COLUMN, 0.3 + 2.9 * len(results)) as figure:
         panels = style.panel_grid(figure, len(heights), 1, height_ratios=heights)
-        for number, label in enumerate(style.labels_of(results, labels)):
+        for number, label in enumerate(labels_of(results, labels)):
             own_panels = panels[3 * number : 3 * number + 3]
             _draw(own_panels, results[number], xlim)
             style.spread_ticks(own_panels[-1], style.PANEL_WIDTH)

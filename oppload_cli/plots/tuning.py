@@ -15,6 +15,7 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.plots import style
 from oppload_cli.plots.classic import FIGURES
 from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
+from oppload_cli.plots.naming import indicator_of, labels_of
 from oppload_cli.plots.polar import direction_tuning, direction_tunings, plot_polar
 from oppload_cli.plots.tuning_curves import (
     Request,
@@ -106,7 +107,7 @@ def plot_tuning(
     'speed (deg/s)'
     """
     tunings, models = style.as_list(tunings, Tuning), style.as_names(models)
-    names = style.labels_of(tunings, labels)
+    names = labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(
             f"a tuning plot has the scale peak or raw, not '{scale}'; choose one of them"
@@ -170,7 +171,7 @@ def lines_of(
     """
     kind = kind or kind_of(tunings[0])
     shown = [_shown(each, kind) for each in tunings]
-    request = Request(shown, models, style.labels_of(tunings, labels), lplc2=lplc2)
+    request = Request(shown, models, labels_of(tunings, labels), lplc2=lplc2)
     if kind == "polar":
         return [each.line() for each in direction_tunings(request)]
     return contact_lines(request) if kind == "contact" else []
@@ -222,7 +223,7 @@ def _title(tunings: Sequence[Tuning], kind: str) -> str:
     first = tunings[0]
     figure = first.sidecar.get("figure", {}) if kind == kind_of(first) else {}
     title = str(figure.get("title", first.name)) if len(tunings) == 1 else ""
-    indicators = {style.indicator_of(each.sidecar) for each in tunings}
+    indicators = {indicator_of(each.sidecar) for each in tunings}
     through = f"through an {indicators.pop()}" if len(indicators) == 1 and all(indicators) else ""
     return ", ".join(filter(None, (title, through)))
 
@@ -245,7 +246,7 @@ def _settings_lines(
     """
     lines = []
     for tuning, name, seeds_text in zip(tunings, names, seeds, strict=True):
-        indicator = style.indicator_of(tuning.sidecar)
+        indicator = indicator_of(tuning.sidecar)
         unstated = "" if indicator in f"{title}, {name}" else indicator
         lines.append("; ".join(filter(None, (_settings_of(tuning), unstated, seeds_text))))
     if len(set(lines)) == 1:

@@ -12,7 +12,8 @@ import pytest
 import oppload_cli as oppload
 from oppload_cli.errors import ParameterError
 from oppload_cli.plots.curves import plot_curves
-from oppload_cli.plots.style import differences, in_number_order, labels_of, wrapped
+from oppload_cli.plots.naming import differences, in_number_order, labels_of
+from oppload_cli.plots.style import wrapped
 from oppload_cli.results.reading import Tuning, read_result
 from tests.results.make import write_result
 
