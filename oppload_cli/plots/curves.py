@@ -453,9 +453,7 @@ def _draw_heat(panels: Panels, options: CurveOptions) -> Drawn:
                 label = bar.ax.get_xlabel().replace(" (", "\n(", 1)
                 bar.set_label(label, fontsize=style.LEAST_SIZE)
         _write_names(axes[::columns], names)
-        if options.title:
-            title = style.wrapped(options.title, 2 * style.TITLE_WIDTH)
-            figure.suptitle(title, fontsize=8, x=0.01, ha="left")
+        style.write_title(figure, options.title, 2 * style.TITLE_WIDTH)
     return figure, axes
 
 

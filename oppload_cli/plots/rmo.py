@@ -91,8 +91,7 @@ def plot_rmo(
             style.spread_ticks(own_panels[-1], style.PANEL_WIDTH)
             own_panels[0].set_title(style.wrapped(label, style.TITLE_WIDTH))
         panels[-1].set_xlabel("time (s)")
-        if title:
-            figure.suptitle(style.wrapped(title, style.TITLE_WIDTH))
+        style.write_title(figure, title)
     return figure, panels
 
 

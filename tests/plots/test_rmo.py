@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 def test_rmo_over_time(tmp_path: Path) -> None:
     result = read_result(write_result(tmp_path / "a.frames.csv"))
-    _, panels = plot_rmo([result, result], labels=["one", "two"])
+    figure, panels = plot_rmo([result, result], labels=["one", "two"], title="two results")
+    (title,) = (each for each in figure.texts if each.get_text() == "two results")
+    assert (title.get_horizontalalignment(), title.get_fontsize()) == ("left", 8)
     assert [len(panel.lines) for panel in panels] == [2, 2, 1] * 2
     assert panels[0].get_ylim() == pytest.approx((-1.08, 1.08))
     _, (index, size, share) = plot_rmo(result, labels=["a name"], xlim=(0.5, 1))
