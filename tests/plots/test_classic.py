@@ -373,6 +373,8 @@ def test_the_distance_of_half_is_the_mean_over_four_sides() -> None:
     share = np.zeros((3, 3))
     share[1, 1] = 1
     assert _half_distance(x, y, share) == "half at 13 deg"  # 10, 5, 20 and 18
+    share[1, 2] = share[2, 1] = 0.4  # half is at 5 / 6 of the way there
+    assert _half_distance(x, y, share) == "half at 17 deg"  # 10, 8.3, 20 and 30
 
 
 @pytest.mark.parametrize("axes", [(0, 270, 180, 90), (360, -90, -180, 90)])

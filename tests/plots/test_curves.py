@@ -71,6 +71,7 @@ def test_responses_are_drawn_over_the_threshold_and_clipped_at_its_hundredth(
     ]
     assert (panel.get_yscale(), panel.get_ylabel()) == ("log", "response / alarm threshold")
     assert panel.get_xlabel() == "time (s)"
+    assert panel.get_ylim()[1] == pytest.approx(12)  # three times the peak
     # Frames 3 to 19 are below 0.01 of the threshold: not a spike, whatever the peak.
     assert set(curve(panel, 0)[3:19]) == {0.01}
     assert np.nanmax(curve(panel, 0)) == pytest.approx(4)
@@ -189,6 +190,7 @@ def test_noise_is_no_peak(tmp_path: Path) -> None:
     _, (panel,) = plot_curves(noise, models=["opplod"])
     assert labels(panel)[0] == "OppLoD, below 0.01 of the threshold"
     assert set(curve(panel, 0)[3:]) == {0.01}
+    assert all(np.size(line.get_xdata()) != 1 for line in panel.lines)  # no ring of a peak
 
 
 def test_models_share_a_panel_over_their_own_peaks(result: BaseResult) -> None:

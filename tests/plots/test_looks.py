@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
+from matplotlib.colors import LogNorm, to_rgb
 from PIL import Image
 
 from oppload_cli.models.registry import detectors
@@ -133,3 +133,21 @@ def test_pdf_files_from_python_hold_fonts_that_can_be_edited(tmp_path: Path) -> 
     content = (tmp_path / "a.pdf").read_bytes()
     assert b"/CIDFontType2" in content
     assert b"/Type3" not in content
+
+
+@pytest.mark.parametrize(
+    ("values", "ends"),
+    [
+        ([1, 30, np.nan], (0, 30)),
+        ([0, 1, 30.1], (1, 30.1)),  # logarithmic, as is all that follows with a lower end above 0
+        ([1e-9, 1], (1e-4, 1)),
+        ([0, 0], (0, 1)),
+        ([np.nan], (0, 1)),
+    ],
+)
+def test_the_scale_of_colours_is_logarithmic_above_a_ratio_of_30(
+    values: list[float], ends: tuple[float, float]
+) -> None:
+    norm = style.norm_of(np.array(values, float))
+    assert (norm.vmin, norm.vmax) == pytest.approx(ends)
+    assert isinstance(norm, LogNorm) == (ends[0] > 0)
