@@ -90,8 +90,8 @@ def evaluate(
     or videos and folders of images with their ground truth beside them.
 
     OppLoD is compared with D-LGMD, the divergence of optical flow and the mean change of
-    luminance. DIR gets evaluation.html, one page with everything, report.json, the figures,
-    responses and windows as CSV, and the plots.
+    luminance. DIR gets evaluation.html, one page with everything, report.json, the
+    measurements, responses and windows as CSV, and the plots.
     """
     from oppload_cli.evaluation import detectors
     from oppload_cli.evaluation import evaluate as evaluation

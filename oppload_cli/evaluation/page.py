@@ -1,4 +1,4 @@
-"""``evaluation.html``: one page with all measures, plots, and the worst misses and false alarms."""
+"""``evaluation.html``: one page with all measurements, plots, and stills of the worst moments."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     _Moment = tuple[int, int]  # the position of a clip, and a frame of it
 
 
-_MOST = 4  # number of misses, and of false alarms, that the page shows for each detector
+_MOST = 4  # stills under each title for each detector
 _PICTURE_HEIGHT = 270  # height of a still in pixels
 _QUALITY = 82  # JPEG quality of a still
 _WIDTH, _HEIGHT = 300, 56  # of the strip below a still, in units of its SVG drawing
@@ -83,9 +83,9 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         headline=_HEADLINE,
         allowed=int(minutes),
         quiet=f"{number(minutes)} minutes" if minutes >= 1.5 else f"{number(60 * minutes)} s",
-        figures=_by_measure(report["figures"]),
+        measurements=_by_measure(report["figures"]),
         splits=_splits(report["splits"]),
-        measured=list(dict.fromkeys(figure["contender"] for figure in report["figures"])),
+        measured=list(dict.fromkeys(each["contender"] for each in report["figures"])),
         parameters=_parameters,
         conditions=CONDITIONS,
         measures=MEASURES,
@@ -113,7 +113,7 @@ def number(value: float | None) -> str:
 
 
 def _stills(evaluation: Evaluation) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Yield titles with stills, for each detector with units: misses, then false alarms."""
+    """Yield titles with stills for each detector with units, in the order of `_worst_of`."""
     groups = [
         (f"{title}: {full_label(name)}", name, moments)
         for name in evaluation.performances
@@ -150,12 +150,13 @@ def _still(
     }
 
 
-def _by_measure(figures: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the figures by measure, condition and detector, in the order of the definitions."""
-    table: dict[str, dict[str, dict[str, Any]]] = {name: {} for name in MEASURES}
-    for figure in figures:
-        of_condition = table[figure["measure"]].setdefault(figure["condition"], {})
-        of_condition[figure["contender"]] = figure
+def _by_measure(
+    measurements: Sequence[Mapping[str, Any]],
+) -> dict[str, dict[str, dict[str, Mapping[str, Any]]]]:
+    """Return measurements by measure, condition and detector, in the order of the definitions."""
+    table: dict[str, dict[str, dict[str, Mapping[str, Any]]]] = {name: {} for name in MEASURES}
+    for each in measurements:
+        table[each["measure"]].setdefault(each["condition"], {})[each["contender"]] = each
     return table
 
 
@@ -183,11 +184,11 @@ def _parameters(detector: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _worst_of(evaluation: Evaluation, name: str) -> dict[str, list[_Moment]]:
-    """Return the worst moments of a detector by title: at most four misses and four false alarms.
+    """Return the worst moments of a detector by title, at most four under each title.
 
     The frame of a miss has the largest evidence of the approach; the miss with the smallest such
-    evidence comes first. The frame of a false alarm has the largest evidence of the clip's footage
-    without an approach; the largest comes first.
+    evidence comes first. The frame of a clip without an approach, or before its onset, has the
+    largest evidence of this footage, whether or not it is a false alarm; the largest comes first.
     """
 
     def peak(index: int, start: int, stop: int) -> tuple[float, _Moment]:
