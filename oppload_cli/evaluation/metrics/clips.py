@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     Numbers = NDArray[np.float64]
     Flags = NDArray[np.bool_]
+    Positions = NDArray[np.int64]  # of clips, or numbers of videos
 
 
 _UNSTATED = "not stated"
@@ -209,7 +210,7 @@ class Clip:
         return Window(start, stop)
 
 
-def videos_of(clips: Sequence[Clip]) -> NDArray[np.int64]:
+def videos_of(clips: Sequence[Clip]) -> Positions:
     """Return the number of each clip's video: clips of one video are no independent examples."""
     shared = [clip.label.video for clip in clips]
     first_free = max((each for each in shared if each is not None), default=-1) + 1
@@ -217,7 +218,7 @@ def videos_of(clips: Sequence[Clip]) -> NDArray[np.int64]:
     return np.array(numbers, np.int64)
 
 
-def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Numbers]:
+def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Positions]:
     """Return the scores of a detector in the windows of all clips.
 
     Returns

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.evaluation.metrics.clips import Numbers
+    from oppload_cli.evaluation.metrics.clips import Numbers, Positions
 
     Weights = NDArray[np.int64]
 
@@ -129,7 +129,7 @@ class Split(NamedTuple):
     p: float  # the probability of a split at least as uneven if both detect equally well
 
 
-def split_of(first: Numbers, second: Numbers, videos: NDArray[np.int64]) -> Split:
+def split_of(first: Numbers, second: Numbers, videos: Positions) -> Split:
     """Compare two detectors on the same approaches, by an exact permutation test over videos.
 
     Parameters

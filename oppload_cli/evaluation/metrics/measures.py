@@ -40,7 +40,7 @@ from oppload_cli.evaluation.metrics.intervals import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from oppload_cli.evaluation.metrics.clips import Clip, Numbers
+    from oppload_cli.evaluation.metrics.clips import Clip, Numbers, Positions
     from oppload_cli.evaluation.metrics.intervals import Weights
     from oppload_cli.models.detector import Box
 
@@ -89,7 +89,7 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
 
 
 def _of_windows(
-    detector: str, curves: Curves | None, approaches: Weights, others: Weights
+    detector: str, curves: Curves | None, approaches: Positions, others: Positions
 ) -> Iterator[Measurement]:
     """Yield how well the scores of one-second windows tell approaches from other footage.
 
@@ -108,7 +108,7 @@ def _averaged(
     average: Callable[[Numbers, Weights], float],
     values: Numbers,
     draws: Weights,
-    owner: Weights | slice = _EACH_CLIP,
+    owner: Positions | slice = _EACH_CLIP,
 ) -> tuple[float, float, float, int]:
     """Return a mean or median with its interval, and the number of values that are not NaN.
 
@@ -122,7 +122,7 @@ _median = partial(_averaged, weighted_median)
 
 
 def _share(
-    values: Numbers, draws: Weights, owner: Weights | slice = _EACH_CLIP
+    values: Numbers, draws: Weights, owner: Positions | slice = _EACH_CLIP
 ) -> tuple[float, float, float, int]:
     """Return a mean of shares like `_averaged`; its interval is not empty if all values agree."""
     share, low, high, count = _averaged(weighted_mean, values, draws, owner)
