@@ -17,7 +17,7 @@ from functools import cache, partial
 from importlib.resources import files
 from itertools import chain, count
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
 import cv2
@@ -30,6 +30,7 @@ from oppload_cli.files.html import embedded, rendered
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.report.page import Content, Curve
+from oppload_cli.results.alarms import times
 from oppload_cli.results.reading import (
     find_video,
     frame_ends,
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     import av
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import BaseResult
+    from oppload_cli.results.reading import BaseResult, Series
     from oppload_cli.video.frames import InputFacts
 
 
@@ -99,6 +100,8 @@ class _Report:
 
 
 class _Item(NamedTuple):
+    """A page to write."""
+
     table: Path
     page: Path
     title: str
@@ -224,17 +227,17 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
     notes = [*content.notes, *video_notes]
     write_atomic(item.page, _page(item, content, copy, notes))
     strongest = content.strongest
-    times = result.frames["time_s"].to_numpy(float)
+    time_s = result.frames["time_s"].to_numpy(float)
     return _IndexRow(
         printable(item.title),
         item.page,
         copy.still if copy else b"",
-        [(curve.label, curve.colour, _spark(curve, times)) for curve in content.curves],
+        [(curve.label, curve.colour, _spark(curve, time_s)) for curve in content.curves],
         [
             (span.curve.label, span.curve.colour, span.start_s, span.frame, span.peak)
             for span in content.alarms
         ],
-        float(frame_ends(times)[-1] - times[0]),
+        float(frame_ends(time_s)[-1] - time_s[0]),
         strongest.peak,
         strongest.thresholded,
         content.reason.removeprefix(", which "),
@@ -300,11 +303,8 @@ def _seconds(value: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Return a multiple of a threshold as text, in two digits; below 1 it does not become 1."""
-    if 0 < value < 0.01:
-        return "< 0.01"
-    value = 0.99 if 0.99 < value < 1 else value
-    return f"{value:,.0f}" if value >= 10 else f"{value:.2g}"
+    """Return a multiple of a threshold as text, as `times` does, in the form of the page."""
+    return f"{value:,.0f}" if value >= 10 else times(value).replace("<", "< ")
 
 
 def _address(path: Path, page: Path) -> str:
@@ -313,12 +313,12 @@ def _address(path: Path, page: Path) -> str:
     return "./" + quote(os.fsencode(relative))
 
 
-def _spark(curve: Curve, times: Any) -> str:
+def _spark(curve: Curve, time_s: Series) -> str:
     """Return a curve as an SVG path through the largest value of each bin of time."""
     known = np.flatnonzero(np.isfinite(curve.values))
     width = _SPARK[0]
-    length = float(times[-1] - times[0]) or 1.0
-    column = np.minimum(((times[known] - times[0]) / length * width).astype(int), width - 1)
+    length = float(time_s[-1] - time_s[0]) or 1.0
+    column = np.minimum(((time_s[known] - time_s[0]) / length * width).astype(int), width - 1)
     highest = np.zeros(width)
     np.maximum.at(highest, column, curve.values[known])
     points = (f"{x} {_spark_row(highest[x]):.1f}" for x in np.unique(column))

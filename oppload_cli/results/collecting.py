@@ -171,9 +171,11 @@ def _add_settings(settings: defaultdict[str, set[str]], content: dict[str, Any])
 def _differences(settings: Mapping[str, set[str]]) -> str:
     """Return the settings with several values; parameters only at one preset and one height."""
     several = [name for name, values in settings.items() if len(values) > 1]
-    shown = [name for name in several if name in {"preset", "--height"}] or several[:_SHOWN]
+    decisive = [name for name in several if name in {"preset", "--height"}]
+    shown = decisive or several[:_SHOWN]
     texts = [f"{name} {', '.join(sorted(settings[name]))}" for name in shown]
-    return "; ".join(texts) + "; ..." * (shown == several[:_SHOWN] != several)
+    omitted = ["..."] if not decisive and len(several) > _SHOWN else []
+    return "; ".join(texts + omitted)
 
 
 def _frame_columns(tables: Iterable[Path]) -> dict[str, type]:
