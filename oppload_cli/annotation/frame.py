@@ -353,7 +353,7 @@ def _tick_step(window_s: float) -> float:
     """Return the seconds between numbers of a time axis: 1, 2 or 5 times a power of ten."""
     least = window_s / _MOST_TICKS
     power = 10.0 ** math.floor(math.log10(least))
-    return next(step * power for step in (1, 2, 5, 10) if step * power >= least * (1 - 1e-9))
+    return next(step * power for step in (1, 2, 5, 10) if step * power >= least)
 
 
 def draw_detections(

@@ -259,6 +259,13 @@ def test_repeats_are_passed_over_and_a_scene_at_rest_is_not() -> None:
     assert [point.ratio for point in strip.points["opplod"]][4:] == [0] * 5
 
 
+def test_an_alarm_left_of_the_plot_shades_nothing() -> None:
+    repeats = [record(frame, rate=0.5, repeat="exact") for frame in range(1, 6)]
+    canvas, strip = drawn([record(0, alarms={"opplod": True}, rate=0.5), *repeats])
+    assert strip.start_s == 5
+    assert not (canvas[LAYOUT.plot.slices] == SHADED).all(axis=2).any()
+
+
 def test_without_alarms_responses_are_over_the_largest_so_far() -> None:
     records = [
         replace(record(t, {"opplod": value}), thresholds={"opplod": math.inf})

@@ -152,6 +152,7 @@ def test_a_peak_outside_the_alarms_is_explained(table: Path) -> None:
 
 
 def test_an_alarm_below_the_threshold_is_explained(table: Path) -> None:
+    assert Content.of(read_result(table)).reason == ""  # the alarm is above the threshold
     table.write_text(table.read_text().replace(",0.5,1,", ",0.03,1,"))
     content = Content.of(read_result(table))
     assert len(content.alarms) == len(ALARMS)

@@ -63,7 +63,7 @@ def test_an_interval_is_that_of_the_draws() -> None:
     found = estimate(lambda weights: weighted_mean(values, weights), draws_of([True] * 10, 4000))
     # 2.5 and 97.5 % of a binomial of 10 draws with 0.4.
     assert found == pytest.approx((0.4, 0.1, 0.7))
-    low, high = interval(np.array([np.nan, np.nan, 1.0]))
+    low, high = interval(np.array([np.nan, np.nan, np.nan, 1.0, 2.0]))
     assert np.isnan([low, high]).all()
     assert interval(np.array([np.nan, np.nan, 1.0, 2.0])) == (1, 2)  # half of them are enough
     assert np.isnan(interval(np.array([1.0, 1.0, 1 - 1e-16]))).all()  # draws that agree say nothing
