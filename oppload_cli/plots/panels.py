@@ -276,15 +276,17 @@ def _described(curve: Curve, scale: str, best: int) -> str:
     """Return a curve's line in the legend: its name, its peak and the time of the peak."""
     peak, value = float(curve.response[best]), float(curve.scaled(scale)[best])
     time = float(curve.time[best])
-    when = f"{time:.2f} s" if curve.zero_s else f"{style.short_number(time)} s"
+    aligned = curve.zero_s != 0
+    when = f"{time:.2f} s" if aligned else f"{style.short_number(time)} s"
     if scale == "threshold" and value < FLOOR:
         return f"{curve.name}, below {FLOOR:g} of the threshold"
+    value = min(value, 0.999) if value < 1 else value  # below the threshold it does not become 1
     multiple = f"{style.short_number(value)} times threshold"
     height = multiple if scale == "threshold" else f"peak {style.short_number(peak)}"
     text = f"{curve.name}, {height} at {when}"
     frame = f" (frame {int(curve.result.frames['frame'].iloc[best])})"
-    fits = len(text + frame) <= style.LEGEND_WIDTH and not curve.zero_s
-    return text + frame if fits else text
+    fits = len(text + frame) <= style.LEGEND_WIDTH
+    return text + frame if fits and not aligned else text
 
 
 def _draw_threshold(axes: Axes, curve: Curve, scale: str, largest: float) -> list[str]:

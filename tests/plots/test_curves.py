@@ -193,6 +193,19 @@ def test_noise_is_no_peak(tmp_path: Path) -> None:
     assert all(np.size(line.get_xdata()) != 1 for line in panel.lines)  # no ring of a peak
 
 
+@pytest.mark.parametrize(("multiple", "said"), [(0.9997, "0.999"), (1.0003, "1")])
+def test_a_peak_below_the_threshold_is_not_rounded_to_it(
+    multiple: float, said: str, tmp_path: Path
+) -> None:
+    rows = frame_rows()
+    for row in rows[3:]:
+        row["opplod_response"] = str(0.25 * multiple * float(row["opplod_response"]))
+    path = write_rows(tmp_path / "near.frames.csv", rows)
+    path.with_name("near.oppload.json").write_text(json.dumps({"parameters": {"alarm": FLOORS}}))
+    _, (panel,) = plot_curves(read_result(path), models=["opplod"])
+    assert labels(panel)[0] == f"OppLoD, {said} times threshold at 1.5 s (frame 30)"
+
+
 def test_models_share_a_panel_over_their_own_peaks(result: BaseResult) -> None:
     _, (panel,) = plot_curves(result, scale="peak")
     assert labels(panel) == [
