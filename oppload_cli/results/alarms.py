@@ -114,10 +114,10 @@ class Verdict(NamedTuple):
 # The end of a sentence about a response below the threshold.
 ENOUGH_BEFORE_CONTACT = "which is enough shortly before contact"
 _CAUSES = {
-    "start": "it came at the start",
-    "cut": "it came at a cut or a flash",
-    "rest": "it came at the end of a rest",
-    "gap": "it came after a gap",
+    "start": "came at the start",
+    "cut": "came at a cut or a flash",
+    "rest": "came at the end of a rest",
+    "gap": "came after a gap",
 }
 
 
@@ -127,15 +127,13 @@ def uncounted(blind: str | None, *, beside_alarms: bool = False) -> str:
     `blind` is the `peak_blind` of a `Verdict`, or None if the reason is not known. `beside_alarms`
     says whether the detector had alarms in other frames.
     """
-    short = "soon after an alarm, or was too short" if beside_alarms else "was too short"
+    short = "came soon after an alarm, or was too short" if beside_alarms else "was too short"
     any_cause = "came at the start, a cut, a flash, the end of a rest or after a gap"
     if blind is None:
-        reason = f"it {any_cause}, or {'came ' * beside_alarms}{short}"
-    elif blind:
-        reason = _CAUSES.get(blind, f"it {any_cause}")
+        reason = f"{any_cause}, or {short}"
     else:
-        reason = f"it {'came ' * beside_alarms}{short}"
-    return f"which did not count: {reason}"
+        reason = _CAUSES.get(blind, any_cause) if blind else short
+    return f"which did not count: it {reason}"
 
 
 def uncounted_in(alarms: Mapping[str, Any], model: str, *, beside_alarms: bool = False) -> str:
