@@ -179,9 +179,9 @@ def _labels_of(name: str, truth: Table, video: int, size: tuple[int, int]) -> li
     A video without such frames has one label. `video` is the number of the video, and `size` its
     width and height, which may be a multiple of the display's.
     """
-    looming = [frame["frame"] for frame in truth["frames"] if frame["looming"]]
-    onsets = [frame for frame in looming if frame - 1 not in looming]
-    ends = [frame for frame in looming if frame + 1 not in looming]
+    looming = {frame["frame"] for frame in truth["frames"] if frame["looming"]}
+    onsets = sorted(frame for frame in looming if frame - 1 not in looming)
+    ends = sorted(frame for frame in looming if frame + 1 not in looming)
     conditions = _conditions_of(truth["protocol"])
     if not onsets:
         return [Label(name, motion=conditions["kind"], conditions=conditions)]
