@@ -82,8 +82,8 @@ def evaluate(
             entries.append(entry)
             clips.append(result.clip)
     if not clips:
-        # The faults of the manifest are known already; those of the clips have no other place.
-        # A fault of many clips, such as a background that is missing, is named once.
+        # The command has printed the faults of the manifest, so the error names those of the clips.
+        # It names a fault of many clips, such as a background that is missing, only once.
         shown = [f"row {first}{_others(more)}: {fault}" for fault, (first, *more) in rows.items()]
         shown = shown or [each.removeprefix(f"{manifest.path}: ") for each in faults]
         reasons = shown[:_MOST_REASONS]
@@ -245,8 +245,6 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
     name = detector.detector
     responses = [record.responses.get(name) for record in records]
     response = np.array([each and each.response for each in responses], float)
-    known = ~np.isnan(response)
-    response[np.logical_or.accumulate(known) & ~known] = 0.0  # missing after the first response
     alarm = None
     if detector.alarm.on:
         alarm = np.array([record.alarms.get(name, False) for record in records], bool)
