@@ -121,6 +121,12 @@ def test_more_than_a_plot_can_show_is_refused(first: str, reason: str, tmp_path:
         plot_tuning(table)
 
 
+def test_a_polar_plot_shows_one_swept_parameter(tmp_path: Path) -> None:
+    table = made(tmp_path, {"a.axis_deg": [1.0, 2], "a.y": [1.0, 2]}, {"opplod": [1.0, 2]})
+    with pytest.raises(ResultError, match=r"column 'a\.y' is swept too; draw kind 'heat'"):
+        plot_tuning(table, "polar")
+
+
 def test_without_symmetry_a_half_circle_stays_open(tmp_path: Path) -> None:
     tuning = made(tmp_path, AXES, PEAKS)
     (curve,) = polar_curves(tuning, ["opplod"], "none")

@@ -115,6 +115,13 @@ def test_a_detector_without_an_alarm_is_drawn_over_its_peak(table: Path) -> None
     assert content.strongest.peak == pytest.approx(0.6)
 
 
+def test_a_response_just_below_the_threshold_is_not_rounded_to_it(table: Path) -> None:
+    table.write_text(table.read_text().replace(",0.5,1,", ",0.0499999,0,"))
+    content = Content.of(read_result(table))
+    assert content.strongest.peak == pytest.approx(0.999998, abs=1e-7)
+    assert max(content.data()["curves"][0]["values"]) == 0.9999
+
+
 def test_alarms_that_are_off_are_not_called_silent(table: Path) -> None:
     lines = [line.split(",") for line in table.read_text().splitlines()]
     kept = [at for at, name in enumerate(lines[0]) if not name.endswith("_alarm")]
