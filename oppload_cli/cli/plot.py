@@ -81,7 +81,9 @@ _EFFECTS = {
     type=click.Choice(["contact"]),
     help="Count time from contact, where a ground truth, --contact or --manifest states it.",
 )
-@click.option("--xlim", nargs=2, type=float, metavar="FROM TO", help="First and last second.")
+@click.option(
+    "--xlim", nargs=2, type=float, metavar="FROM TO", help="First and last time, in seconds."
+)
 @click.option("--title", help="Title of the figure.")
 @click.option(
     "--label",
@@ -269,7 +271,7 @@ def _draw_tunings(
 def _draw_results(
     paths: Sequence[Path], kind: str | None, chosen: dict[str, Any], failures: list[ResultError]
 ) -> tuple[Figure, list[str]]:
-    """Draw results of ``oppload run``, without lines."""
+    """Draw results of ``oppload run``, which no lines of text describe."""
     from oppload_cli.plots import rmo
 
     needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "_over_threshold"))

@@ -107,7 +107,7 @@ def evaluated_detectors(
     return evaluated
 
 
-def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:
+def chosen_detectors(names: Iterable[str]) -> list[EvaluatedDetector]:
     """Return the named detectors without the baselines; all detectors if none is named.
 
     The names and the error are those of `evaluated_detectors`; ``all`` gives each detector that

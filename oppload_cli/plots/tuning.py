@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import chain, cycle, product
+from itertools import cycle, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -298,8 +298,8 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     tunings, raw, title = request.tunings, request.raw, request.title
     parameter = _parameter(tunings)
     places = _places(tunings, parameter)
-    names = list(request.models) or list(dict.fromkeys(chain(*(each.models for each in tunings))))
-    curves = request._replace(models=names).curves()
+    curves = request.curves()
+    names = list(dict.fromkeys(curve.detector.name for curve in curves))
     if len(curves) > _MOST_LINES or (raw and len(names) > style.FEW):
         return _plot_small_lines(curves, parameter, places, title, raw=raw)
     groups = [request._replace(models=[name]).curves() for name in names] if raw else [curves]
