@@ -273,7 +273,7 @@ def check_xlim(times: Sequence[NDArray[np.float64]], xlim: tuple[float, float] |
 def spread_ticks(axes: Axes, inches: float) -> None:
     """Write so few numbers along a time axis of this length that they do not overlap.
 
-    Matplotlib takes numbers for short: those of one second an hour after the start would overlap.
+    Matplotlib assumes short numbers: long ones, such as 3600.2 after an hour, would overlap.
     The numbers are complete, without a common summand such as -4.999e4 beside the axis.
     """
     axes.ticklabel_format(axis="x", useOffset=False)

@@ -102,11 +102,15 @@ def test_results_of_different_settings_are_told(results: Path, tmp_path: Path) -
     """The detectors of a run and its inputs are no settings."""
     content = json.loads((results / "deep" / "loom.oppload.json").read_text())
     content["parameters"]["dlgmd"] |= {"group_size": 5, "threshold_factor": 2}
-    content["parameters"]["alarm"] |= {"factor": 9, "hold_s": 1}
+    content["parameters"]["alarm"]["factor"] = 9
+    three = copy.deepcopy(content)
+    content["parameters"]["alarm"]["hold_s"] = 1
     preset, native = copy.deepcopy(content), copy.deepcopy(content)
     preset["preset"], native["height"] = "reference", None
+    most = "dlgmd.group_size 4, 5; dlgmd.threshold_factor 1.2, 2; alarm.factor 8.0, 9"
     for other, said in (
-        (content, "dlgmd.group_size 4, 5; dlgmd.threshold_factor 1.2, 2; alarm.factor 8.0, 9; ..."),
+        (three, most),
+        (content, f"{most}; ..."),
         (preset, "preset default, reference"),
         (native, "--height 60, native"),
     ):

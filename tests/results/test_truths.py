@@ -55,6 +55,7 @@ def fault_of(folder: Path, truth: dict[str, Any], *shown: int | None) -> str:
         ((320, 600, 80), "320 x 240 and 80 frames: this one has 320 x 600"),
         ((240, 320, 80), "320 x 240 and 80 frames: this one has 240 x 320"),
         ((None, None, None), ""),  # a result without a sidecar
+        ((320, 0, 0), ""),  # a damaged sidecar
     ],
 )
 def test_another_shape_or_length_is_that_of_another_video(
