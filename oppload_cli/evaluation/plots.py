@@ -163,9 +163,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
         highest = max(highest, values.max(initial=0))
     labels = [f"{plain(kind)}\n{counted(one.n, 'clip')}" for kind, one in kinds.items()]
     axes.set_yticks(range(len(kinds)), labels)
-    figure = axes.get_figure(root=True)
-    if figure is not None:
-        figure.set_figheight(_height(max(len(kinds), len(performances))))
+    axes.figure.figure.set_figheight(_height(max(len(kinds), len(performances))))
     axes.invert_yaxis()
     axes.set_xlim(0, _AXIS_END * highest)  # intervals of few clips are too long to show completely
     axes.set_title("false alarms by kind of motion, at 1 per minute in all")
