@@ -17,6 +17,7 @@ from oppload_cli.evaluation.manifest import STIMULI
 from oppload_cli.evaluation.metrics.alarms import AT_ONE
 from oppload_cli.evaluation.plots import PLOTS
 from oppload_cli.files.html import embedded, rendered
+from oppload_cli.results.alarms import times
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.source import open_video
@@ -134,7 +135,7 @@ def _still(
     output, decision = clip.outputs[name], evaluation.performances[name].decisions[AT_ONE]
     threshold = float(decision.thresholds[0])  # the same in each clip
     evidence = float(output.evidence[frame])
-    multiple = f"{number(evidence / threshold)} times the threshold" if threshold > 0 else ""
+    multiple = f"{times(evidence / threshold)} times the threshold" if threshold > 0 else ""
     winner = None if output.winner is None else output.winner[frame]
     in_approach = frame >= clip.approach[0]
     return {
