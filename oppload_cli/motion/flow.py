@@ -295,4 +295,5 @@ class Interpolation:
                 yield share, "earlier", earlier
             if "both" in self._kinds:
                 later = shifted(luma, 1 - share)
-                yield share, "both", np.float32(1 - share) * earlier + np.float32(share) * later
+                # In `(1 - share) * earlier + share * later` rounding would change a scene at rest.
+                yield share, "both", earlier + np.float32(share) * (later - earlier)

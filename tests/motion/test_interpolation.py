@@ -53,6 +53,15 @@ def test_what_moves_is_halfway_in_between(rows: slice) -> None:
         assert picture.dtype == np.float32
 
 
+@pytest.mark.parametrize("intervals", [2, 3, 5])
+def test_between_equal_frames_nothing_changes(intervals: float) -> None:
+    interpolation = Interpolation({"earlier", "both"})
+    list(interpolation.step(moved(0), 0))
+    pictures = [each for _, _, each in interpolation.step(moved(0), intervals)]
+    assert len(pictures) == 2 * (intervals - 1)
+    assert all(np.array_equal(each, moved(0)) for each in pictures)
+
+
 def test_pictures_in_between_have_the_place_and_the_light_of_their_time() -> None:
     interpolation = Interpolation({"both"})
     list(interpolation.step(moved(0), 0))
