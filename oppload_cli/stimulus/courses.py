@@ -39,7 +39,8 @@ class Course(Table):
     contact_s: float | None = parameter(
         None,
         "when it is at the camera (collision, near-miss, overtaking) or in the middle of its way "
-        "(crossing), if it does not brake; default: the end of its motion",
+        "(crossing), from the start of its motion, if it does not brake; default: the end of its "
+        "motion",
         above=0,
         high=3600,
         kinds=(*_TOWARDS, "crossing", "overtaking"),
