@@ -404,7 +404,8 @@ class Cuts:
         photoreceptors : ndarray of float32, shape (height, width)
             P(t), 0 to 1.
         change : float or None
-            Mean of P over the frame, 0 to 1; None for the first frame.
+            Mean of P over the frame, 0 to 1, converted to an interval of 1/30 s; None as long as
+            no frames were compared.
         time_s : float
             The frame's presentation time in seconds.
         stood_still : bool
@@ -440,6 +441,6 @@ class Cuts:
         if before <= self._params.rest:
             return "rest" if self._changes else "start"
         # In a cut most pixels change by about the mean change. If an object approaches, few pixels
-        # change much.
-        changed = np.count_nonzero(photoreceptors > change / 4)
+        # change much. `change` is that of an interval of 1/30 s; P may span a longer one.
+        changed = np.count_nonzero(photoreceptors > photoreceptors.mean(dtype=np.float64) / 4)
         return "cut" if changed >= self._params.cut_share * photoreceptors.size else ""

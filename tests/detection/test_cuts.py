@@ -53,6 +53,15 @@ def test_a_cut_changes_most_of_the_frame_far_more_than_before() -> None:
     assert blind([*MOTION, changed(0.041, 0.3), *after], cut_share=0.3, blind_s=0.07) == [8, 9]
 
 
+def test_over_a_longer_interval_the_pixels_are_compared_with_their_own_mean() -> None:
+    # At 15 frames/s the mean is halved, because the interval is twice as long, but P is not.
+    p, mean = changed(0.2, 0.4)
+    moving = np.maximum(p, 0.03), mean / 2
+    assert blind([*MOTION, moving, *MOTION], rate=15) == []
+    p, mean = changed(0.2, 0.5)
+    assert blind([*MOTION, (p, mean / 2), *MOTION], rate=15)[0] == len(MOTION)
+
+
 def test_it_is_held_against_the_largest_of_five_frames() -> None:
     large = changed(0.02, 0.3)
     cut = changed(0.041, 0.9)
