@@ -23,7 +23,7 @@ COMMON = (
         "luma_change",
         "0 to 1",
         "mean over the frame of P, the absolute luminance change in an interval; 0 for a repeat, "
-        "empty for the first frame",
+        "empty as long as no frames can be compared",
     ),
 )
 COMMON_DETAILS = (  # with `--columns all`
