@@ -349,8 +349,8 @@ class Table:
         try:
             if isinstance(value, bool):
                 raise TypeError
-            # `repr` makes 2997/100 of 29.97; Fraction(29.97) is the nearest binary number.
-            return parsed_fraction(value if isinstance(value, str) else repr(value))
+            # The text of 29.97 gives 2997/100; Fraction(29.97) is the nearest binary number.
+            return parsed_fraction(str(value))
         except (ValueError, TypeError, ZeroDivisionError):
             raise cls._error(
                 f"{label} takes a number or a fraction such as '30000/1001', not {_written(value)}"

@@ -69,11 +69,19 @@ def test_numbers_of_numpy_are_plain_numbers(number: Any) -> None:
     assert (type(gain), gain) == (float, 2)
     cell = params.replaced(cell=np.int64(2)).cell
     assert (type(cell), cell) == (int, 2)
+    assert Outer(rate=number).rate == 2
     for wrong in (np.True_, "2"):
         with pytest.raises(ParameterError, match="gain' of some takes a number, not"):
             params.replaced(gain=wrong)
     with pytest.raises(ParameterError, match="cell' of some takes a whole number or 'auto', not"):
         params.replaced(cell=np.float32(2))
+    with pytest.raises(StimulusError, match="rate takes a number or a fraction such as"):
+        Outer(rate=np.True_)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rate", [29.97, np.float32(29.97), np.float64(29.97)])
+def test_a_fraction_has_the_decimals_that_are_written(rate: Any) -> None:
+    assert Outer(rate=rate).rate == Fraction(2997, 100)
 
 
 @pytest.mark.parametrize(
