@@ -485,6 +485,33 @@ def test_frames_that_never_came_are_counted(tmp_path: Path, kept: int, note: str
         assert video.decode.messages == [note]
 
 
+@pytest.mark.parametrize(
+    ("rate", "times_ms", "last_ms", "messages"),
+    [
+        (30, [0, 33, 67, 100, 433], 450, []),  # steps vary: the last frame may last as long
+        (30, [0, 33, 67, 100, 133], 133, ["3 declared frames never came"]),
+        (1000, [0, 33, 67, 100, 133], 133, ["3 declared frames never came"]),
+    ],
+)
+def test_frames_before_a_declared_end_are_counted_by_the_times_of_the_others(
+    tmp_path: Path, rate: int, times_ms: list[int], last_ms: int, messages: list[str]
+) -> None:
+    path, step = tmp_path / "a.mkv", Fraction(1, 1000)
+    with av.open(path, "w") as target:
+        stream: Any = target.add_stream("ffv1", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "gray"
+        stream.codec_context.time_base = step
+        for image, time_ms in zip(grey_frames(5), times_ms, strict=True):
+            frame = av.VideoFrame.from_ndarray(image, "gray")
+            frame.pts, frame.time_base = time_ms, step
+            for packet in stream.encode(frame):
+                packet.duration = last_ms if time_ms == times_ms[-1] else 1
+                target.mux(packet)
+    with open_video(path) as video:
+        assert (len(list(video)), video.facts.frame_rate) == (5, rate)
+        assert video.decode.messages == messages
+
+
 @pytest.mark.parametrize("threads", [1, 4])
 def test_decode_times_that_are_written_as_presentation_times(tmp_path: Path, threads: int) -> None:
     right = write_video(
