@@ -74,7 +74,7 @@ class SourceError(OpploadError):
 
 
 class FrameError(OpploadError, ValueError):
-    """An array given to a model is not a luminance image of the right shape."""
+    """An array given to a model is not a frame of the right shape."""
 
 
 class ResultError(OpploadError):

@@ -24,8 +24,8 @@ from oppload_cli.errors import OpploadError, ParameterError, StimulusError, faul
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-REQUIRED: Any = MISSING
-AUTO = "auto"  # in place of None in files and on the command line: the height decides
+REQUIRED: Any = MISSING  # in place of a default: the user must give the value
+AUTO = "auto"  # files and the command line have no None; there, this word means None
 _WORDS = {
     int: "whole number",
     float: "number",
@@ -159,11 +159,12 @@ def _written(value: object) -> str:
 
 
 def is_integer(value: Any, least: int) -> bool:
-    """Return whether a value is an integer (also of NumPy) of at least `least`."""
+    """Return whether a value is a whole number (also one of NumPy) of at least `least`."""
     return isinstance(value, numbers.Integral) and int(value) >= least
 
 
 def _exact(bound: float) -> str:
+    """Return a bound as a text: short if this loses no digit, else with all digits."""
     short = f"{bound:g}"
     return short if float(short) == bound else f"{bound:.17g}"
 
@@ -176,7 +177,8 @@ class _Docstring:
 
     def __get__(self, table: object, kind: type[Table]) -> str:
         lines = self._lines
-        # `dataclass` reads the docstring before it sets this, when names of types may be unknown.
+        # `dataclass` reads the docstring before it sets `__match_args__`. At that time a type of a
+        # value may be a class that is defined further down.
         if "__match_args__" in vars(kind) and kind.declared():
             first = (n - 1 for n, line in enumerate(lines) if line and set(line) == {"-"})
             end = next(first, len(lines))
@@ -434,7 +436,7 @@ class Parameters(Table):
 
     @classmethod
     def _checked(cls, declared: Parameter, value: object) -> Any:
-        automatic = declared.optional and value == AUTO  # TOML has no value for None
+        automatic = declared.optional and value == AUTO
         return super()._checked(declared, None if automatic else value)
 
     def parsed(self, name: str, text: str) -> object:

@@ -39,9 +39,11 @@ if TYPE_CHECKING:
 
 PART = ".part"  # end of the name of a file or folder that is still being written
 _DYING_S = 0.5  # time for which a run that was killed may still hold its lock
-# Of Windows: nobody else can read a locked byte, so it is far behind the end of the file; a new
-# file; others may read, write and remove the file, which `os.open` does not allow.
-_LOCKED_BYTE, _CREATE_NEW, _SHARED = 1 << 40, 1, 7
+# On Windows no other program can read a locked byte: so this one is far behind the end of the file.
+_LOCKED_BYTE = 1 << 40
+# Values of CreateFile on Windows: make a new file, and let other programs read, write and remove
+# the file while it is open, which `os.open` does not do.
+_CREATE_NEW, _SHARED = 1, 7
 # Flags that follow no link and wait for no pipe. Windows lacks them: there, only `_check_regular`
 # refuses links and pipes.
 _CAUTIOUS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)

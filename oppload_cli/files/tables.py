@@ -1,4 +1,4 @@
-"""Tables of results that are written row by row, as CSV or as Parquet."""
+"""Tables: CSV and Parquet files that are written row by row, and what CSV files hold already."""
 
 from __future__ import annotations
 
@@ -226,6 +226,8 @@ def _pyarrow(path: Path) -> Any:
 
 
 class _Parquet:
+    """A table in a Parquet file; `write` keeps rows in memory, and `flush` writes them."""
+
     def __init__(self, arrow: Any, file: PartFile, columns: Mapping[str, type]) -> None:
         kinds = {str: arrow.string(), int: arrow.int64(), float: arrow.float64()}
         kinds[bool] = arrow.bool_()

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 USUAL_RATE = Fraction(30)  # frames/s, assumed if an input states no rate
 _LEAST_RATE = 9.0  # frames/s; at lower rates few responses have a meaning (docs/time.md)
-_FOR_LONG_S = 2.0  # a lower rate for so long in all gives a remark, if the rate of most is higher
+# Slow parts that last so long in all give a remark, even if the rate of most frames is higher.
+_FOR_LONG_S = 2.0
 _GAP_S = 0.5  # a longer time without a frame gives a remark; alarms begin anew after it
 # A step is the time between two frames.
 _MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps
@@ -39,7 +40,7 @@ _LEAST_LASTING_S = 1.0  # a shift of at least this time stays: the clock was set
 _TAKEN_BACK = 0.1  # each step reduces a shorter shift by at most this share of the step
 
 
-@dataclass(frozen=True, eq=False)  # arrays cannot be compared as a whole
+@dataclass(frozen=True, eq=False)  # `==` of two arrays is an array, not True or False
 class Frame:
     """One frame for the detectors.
 
@@ -135,12 +136,12 @@ class InputFacts:
 
     @property
     def live(self) -> bool:
-        """Whether it is a camera or a stream, which may go on until the user stops it."""
+        """Whether the input is a camera or a stream, which may go on until the user stops it."""
         return self.kind in {"camera", "stream"}
 
     @property
     def rate_declared(self) -> Fraction | None:
-        """The frame rate, if the input may contradict it: GIF and APNG hold times alone."""
+        """The rate to compare with the times; None for GIF and APNG, which state only times."""
         return None if self.codec in {"gif", "apng"} else self.frame_rate
 
     def as_dict(self) -> dict[str, Any]:
@@ -399,8 +400,8 @@ class WorkingSize(NamedTuple):
 
         `height` is the working height in pixels; None keeps the native size. If the picture is
         higher than wide, `height` is its width, so that a camera turned by 90 degrees gives the
-        same results. Raises ParameterError if `height` is not an integer of at least 1, or if the
-        frame would be too large.
+        same results. Raises ParameterError if `height` is not a whole number of at least 1, or if
+        the frame would be too large.
         """
         if height is not None and not is_integer(height, 1):
             raise ParameterError(
@@ -464,7 +465,7 @@ USUAL_BITS = 12  # per pixel: 8 bits of luma, and a quarter of the samples for b
 def max_pixels() -> int:
     """Return the largest number of pixels of a picture: ``OPPLOAD_MAX_PIXELS``, or else 2^26.
 
-    Raises ParameterError if the variable is not an integer from 1 to 2^31 - 1.
+    Raises ParameterError if the variable is not a whole number from 1 to 2^31 - 1.
     """
     text = os.environ.get(MAX_PIXELS, str(DEFAULT_MAX_PIXELS))
     if not (text.isascii() and text.isdigit() and len(text) <= 10 and 1 <= int(text) < 1 << 31):

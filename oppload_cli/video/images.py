@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Colour = NDArray[np.uint8]  # rows x columns x 3: blue, green, red
+    Bgr = NDArray[np.uint8]  # rows x columns x 3: blue, green, red
     Luma = NDArray[np.uint8] | NDArray[np.uint16]  # rows x columns
 
 
@@ -124,7 +124,7 @@ class ImageSource(PictureSource):
             f"check or convert them"
         )
 
-    def _image(self, path: Path) -> tuple[Luma, Colour] | None:
+    def _image(self, path: Path) -> tuple[Luma, Bgr] | None:
         """Return the luma and the colours of an image.
 
         If it cannot be read, count a failure and return None.
@@ -249,7 +249,7 @@ def _without_pillow_limits() -> Iterator[None]:
         Image.MAX_IMAGE_PIXELS = limit
 
 
-def _decoded(image: Image.Image) -> tuple[Luma, Colour]:
+def _decoded(image: Image.Image) -> tuple[Luma, Bgr]:
     """Decode an image without its transparency, and turn it upright; return luma and colours.
 
     The luma has 16 bits for a grey image of more than 8 bits; the colours always have 8.
@@ -313,7 +313,7 @@ class CameraSource(PictureSource):
         arrivals = Arrivals()
         start = time.perf_counter()  # `monotonic` has steps of 16 ms on Windows
         taken_s = self._first_taken_s
-        colour: Colour | None = self._first
+        colour: Bgr | None = self._first
         while colour is not None and not self.stopping:
             index = self.decode.decoded
             self.decode.decoded += 1
@@ -340,7 +340,7 @@ class CameraSource(PictureSource):
         """Release the camera; may be called twice."""
         self._capture.release()
 
-    def _picture_after_failure(self) -> Colour | None:
+    def _picture_after_failure(self) -> Bgr | None:
         """Return the next picture of a camera that has just failed; None if it fails for 1 s."""
         end = time.monotonic() + _RETRY_S
         while not self.stopping and time.monotonic() < end:
@@ -354,11 +354,11 @@ class CameraSource(PictureSource):
         """Return when the driver took the latest picture, by its own clock."""
         return float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000
 
-    def _picture(self) -> Colour | None:
+    def _picture(self) -> Bgr | None:
         read, colour = self._capture.read()
         return np.asarray(colour, np.uint8) if read else None
 
 
-def _grey(colour: Colour) -> NDArray[np.uint8]:
+def _grey(colour: Bgr) -> NDArray[np.uint8]:
     """Return the luma by Rec. 601."""
     return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)

@@ -370,7 +370,7 @@ def other_stems(name: str, stem: str) -> tuple[str, str]:
 
 
 def each_once(stems: Mapping[str, str]) -> list[str]:
-    """Return single inputs without duplicates, from the stems of their results by name.
+    """Return the names of single inputs, each input once; `stems` has their results' stems by name.
 
     Several spellings of a path are one input, and so are links to one file if their results have
     one stem. Otherwise links are inputs of their own, as their results are.
@@ -420,8 +420,8 @@ class Position:
     Raises
     ------
     ParameterError
-        If both `frame` and `seconds` are given, or neither, or if the frame is not an integer of at
-        least 0, or the time is not a finite number of at least 0.
+        If both `frame` and `seconds` are given, or neither, or if the frame is not a whole number
+        of at least 0, or the time is not a finite number of at least 0.
 
     Examples
     --------

@@ -41,7 +41,7 @@ class Resizing:
         return resized(plane, self._coded)
 
     def _averaged(self, plane: Plane) -> Plane:
-        """Average areas by swscale: 7 times as fast as OpenCV, and exact to 0.7 of a code."""
+        """Average areas by swscale: 7 times as fast as OpenCV, exact to 0.7 of a code of 8 bits."""
         kind = "gray" if plane.dtype == np.uint8 else "gray16le"
         frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(plane), kind)
         small = self._scaler.reformat(

@@ -184,8 +184,8 @@ def open_video(
         If nothing can be read from the input, or if it has no rate that `true_rate` could replace,
         as a camera.
     ParameterError
-        If the height is not an integer of at least 1, the working size is too large, or a rate is
-        not a number above 0 and at most 100000.
+        If the height is not a whole number of at least 1, the working size is too large, or a rate
+        is not a number above 0 and at most 100000.
 
     Examples
     --------

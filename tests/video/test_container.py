@@ -508,7 +508,7 @@ def test_frames_before_a_declared_end_are_counted_by_the_times_of_the_others(
                 packet.duration = last_ms if time_ms == times_ms[-1] else 1
                 target.mux(packet)
     with open_video(path) as video:
-        assert (len(list(video)), video.facts.frame_rate) == (5, rate)
+        assert (len(list(video)), video.facts.frame_rate) == (5, Fraction(rate))
         assert video.decode.messages == messages
 
 
