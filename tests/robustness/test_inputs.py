@@ -87,6 +87,15 @@ def test_a_sound_longer_than_the_pictures_is_no_loss(tmp_path: Path, suffix: str
     check(path, Kind("", "", tick=tick))
 
 
+def test_an_end_that_may_be_that_of_the_sound_says_nothing_of_the_pictures(tmp_path: Path) -> None:
+    path = with_sound(tmp_path / "a.mkv", 3)
+    # Without the tags of the streams, the only end is that of the complete file.
+    path.write_bytes(path.read_bytes().replace(b"DURATION", b"DURATIOX"))
+    with open_video(path) as video:
+        assert len(list(video)) == 12
+        assert video.decode.missing == 0
+
+
 def test_frames_that_an_edit_list_hides_are_not_missed(tmp_path: Path) -> None:
     path = make(tmp_path / "a.mp4", KINDS["h264-mp4"])
     data = bytearray(path.read_bytes())
