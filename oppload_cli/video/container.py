@@ -207,6 +207,7 @@ class ContainerSource(PictureSource):
     __del__ = close
 
     def _missing(self) -> int:
+        """Return how many declared frames never came, by their declared number or their end."""
         declared = declared_frames(self._stream) or self.facts.frames_declared
         if declared is not None:
             return max(0, declared - self._not_coded - self.decode.decoded)
@@ -303,6 +304,7 @@ class ContainerSource(PictureSource):
         return streams[0]
 
     def _prepare(self) -> None:
+        """Set the options of the decoder, and open it."""
         codec = self._stream.codec_context
         codec.thread_type = "SLICE" if self._careful else "AUTO"
         # Several threads conceal damage by other pixels than one thread does.
@@ -386,6 +388,7 @@ class ContainerSource(PictureSource):
         self._prepare()
 
     def _first_of(self, frames: Iterator[Decoded]) -> Decoded:
+        """Return the first frame; raise SourceError if there is none, or if it is too large."""
         first = next(frames, None)
         if first is None:
             reasons = "; ".join(self.decode.messages) or self._fault() or "it holds no frame"
@@ -407,6 +410,7 @@ class ContainerSource(PictureSource):
         return first
 
     def _decoded(self) -> Iterator[Decoded]:
+        """Decode the packets once, and count failures; see `_reproducibly_decoded`."""
         self._errors = av.logging.get_last_error()[0]
         joinable = self._container.format.name == "mpegts" and not self._remote
         for packet, damaged in _with_damage(self._packets(), joinable=joinable):

@@ -245,7 +245,8 @@ class _DecodingProcess(PictureSource):
 class _Slots:
     """Places for pictures in the memory that both processes share.
 
-    The pictures fill the places in turn; after the last place follows the first one again.
+    The pictures fill the places in turn; after the last place follows the first one again. The
+    `ordinal` of a picture is its number among those that the process sends, from 0.
     """
 
     def __init__(self, memory: int, working: WorkingSize) -> None:
