@@ -67,6 +67,12 @@ def test_times_of_usual_rates_are_exact(tmp_path: Path, rate: Fraction) -> None:
     assert times_of(record(tmp_path / "a.mp4", [float(t) for t in times], rate)) == times
 
 
+def test_times_of_unusual_rates_are_those_of_the_nearest_tick(tmp_path: Path) -> None:
+    times = [0.0, 1 / 1009, 2 / 1009, 60.0]  # exact ticks would be too short for a minute
+    found = times_of(record(tmp_path / "a.mp4", times, Fraction(1009)))
+    assert [float(time_s) for time_s in found] == pytest.approx(times, abs=0.5 / 90_000)
+
+
 def test_variable_times_are_kept_from_the_first_on(tmp_path: Path) -> None:
     milliseconds = [5000, 5040, 5050, 5400, 5410, 5415, 6000, 6001, 6100, 14000]
     path = record(tmp_path / "a.mp4", [t / 1000 for t in milliseconds])
