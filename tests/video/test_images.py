@@ -107,6 +107,7 @@ def test_missing_numbers_give_a_note(folder: Path) -> None:
         ([33333333, 33333333, 33333334] * 3, False),
         ([34100000, 33000000, 31000000, 38000000], False),
         ([33333333, 33333334, 66666667, 33333333], True),
+        ([20000000, 20000000, 30000000], True),  # a step of 1.5 usual ones
     ],
 )
 def test_numbers_that_are_times_may_vary(tmp_path: Path, steps_ns: list[int], told: bool) -> None:
