@@ -26,7 +26,7 @@ class Outer(Table):
     count: int = parameter(1, "number", low=1, high=9)
     rate: Fraction = parameter(Fraction(30), "rate")
     place: tuple[float, float] = parameter((0.0, 0.0), "place", low=-1, high=1)
-    width: float | None = parameter(None, "width", kinds=("bar",), needed_by=("bar",))
+    width: float | None = parameter(None, "width", needed_by=("bar",))
     inner: Inner | None = parameter(None, "a table")
 
 
@@ -97,6 +97,7 @@ def test_a_fraction_has_the_decimals_that_are_written(rate: Any) -> None:
         ({"place": [0]}, "a.toml: place takes a list of 2 values, not 1"),
         ({"kind": "dsik"}, "a.toml: kind = 'dsik' is not known; did you mean 'disk'?"),
         ({"kind": "bar"}, "a.toml: kind 'bar' needs width; add it"),
+        ({"width": 2}, "a.toml: width is not a key of kind 'disk' but of bar; remove it"),
         ({"rate": "fast"}, "a.toml: rate takes a number or a fraction such as '30000/1001'"),
     ],
 )

@@ -13,7 +13,7 @@ _MOST, _FEWEST = 30, 15  # frames through which the line is fitted
 _MOST_SCATTER = 0.85
 _BETTER = 0.4  # lost frames are counted if the line then fits this much better
 _MOST_OFF, _ROUNDING_S = 3.0, 0.002  # distance from the line, in standard deviations, plus a time
-_MOST_LOST = 7  # lost pictures in a row that are counted; of two frames that come together none
+_MOST_LOST = 7  # in a row; a step of more pictures beside shorter ones comes from a burst
 _PAUSE_S = 0.5  # after a longer time without a frame the line begins anew
 _LEAST_STEP_S = 0.001
 
