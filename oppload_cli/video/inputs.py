@@ -109,10 +109,11 @@ def _matches(name: str) -> list[str]:
 
 def _below_fixed_part(pattern: str, match: str) -> str:
     """Return the way from the pattern's part before its first wildcard to the match's folder."""
-    parts = Path(pattern).parts
-    fixed = next((i for i, part in enumerate(parts) if glob.has_magic(part)), len(parts) - 1)
+    if pattern == match:
+        return ""
+    fixed = next(i for i, part in enumerate(Path(pattern).parts) if glob.has_magic(part))
     folders = Path(match).parts[fixed:-1]
-    return "" if pattern == match or ".." in folders else str(Path(*folders))
+    return "" if ".." in folders else str(Path(*folders))
 
 
 def _searched(root: str) -> Iterator[_FoundInput]:

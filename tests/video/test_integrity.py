@@ -164,6 +164,13 @@ def test_a_box_of_64_bits_is_as_long_as_it_says(tmp_path: Path) -> None:
         assert fault_of(str(path), name) == fault
 
 
+def test_the_data_of_a_fragment_follow_its_index(tmp_path: Path) -> None:
+    path, index, data = tmp_path / "a.mp4", b"\0\0\0\x08moof", b"\0\0\0\x09mdat?"
+    for content, fault in ((index + data, None), (index + data + index, CUT)):
+        path.write_bytes(content)
+        assert fault_of(str(path), "mov,mp4,m4a,3gp,3g2,mj2") == fault
+
+
 def test_units_of_av1_end_with_a_picture(tmp_path: Path) -> None:
     path, delimiter, picture = tmp_path / "a.obu", b"\x12\0", b"\x32\x03abc"
     for content, fault in (
