@@ -84,6 +84,23 @@ def test_several_series_give_a_note_with_the_pattern_of_one(
             assert [len(list(video)), video.decode.messages] == [4, []]
 
 
+@pytest.mark.parametrize(
+    ("stated", "rate"),
+    [("50/1", 50), ("0", None), ("-25", None), ("1/0", None), ("100001", None), (None, None)],
+)
+def test_images_have_the_rate_of_the_ground_truth_beside_them(
+    tmp_path: Path, stated: str | None, rate: int | None
+) -> None:
+    (tmp_path / "a").mkdir()
+    for index, image in enumerate(grey_frames(2)):
+        cv2.imwrite(str(tmp_path / "a" / f"f{index}.png"), image)
+    truth = {"display": {"frame_rate": stated}}
+    (tmp_path / "a.stimulus.json").write_text(json.dumps(truth))
+    with open_video(tmp_path / "a", height=None) as video:
+        assert video.facts.rate_assumed is (rate is None)
+        assert [frame.time_s for frame in video] == [0, 1 / (rate or 30)]
+
+
 def test_missing_numbers_give_a_note(folder: Path) -> None:
     where = "after frame_4.png"
     for removed, place in (("5", where), ("8", f"in 2 places, first {where}")):
