@@ -291,8 +291,7 @@ class _ClusterRun:
         try:
             self._client.subscribe_topic(self._topic, lambda event: self._messages.put(event[1]))
             try:
-                while len(self._submitted) < _MOST_SUBMITTED and self._submit():
-                    pass
+                self._fill()
                 while self._submitted:
                     self._take_message()
             finally:
@@ -316,23 +315,22 @@ class _ClusterRun:
             distributed.wait(running, timeout=_STOP_WITHIN_S)
             self._client.cancel(running)
 
-    def _submit(self) -> bool:
-        """Submit the next task; return whether there was one."""
-        task = next(self._tasks, None)
-        if task is None:
-            return False
-        try:
-            sent = _for_a_worker(task)
-        except OpploadError as error:
-            self._observer.ended(task, _failed(task, str(error), error.exit_code))
-            return True
+    def _fill(self) -> None:
+        """Submit tasks until the scheduler has as many as it may have, or none remains."""
+        while len(self._submitted) < _MOST_SUBMITTED and (task := next(self._tasks, None)):
+            try:
+                self._submit(task, _for_a_worker(task))
+            except OpploadError as error:
+                self._observer.ended(task, _failed(task, str(error), error.exit_code))
+
+    def _submit(self, task: Task, sent: Task) -> None:
+        """Submit a task in the form `sent`, in which a worker can run it."""
         key = f"{self._topic}-{uuid.uuid4().hex}"
         # The scheduler reads the arguments too, and knows no detector of the user's own.
         arguments = pickle.dumps(sent), registry.loaded(), self._topic, __version__
         future = self._client.submit(_run_on_worker, *arguments, key=key, pure=False)
         self._submitted[future.key] = (task, future)
         future.add_done_callback(lambda done: self._messages.put(("ended", done.key)))
-        return True
 
     def _take_message(self) -> None:
         stop_if_asked()
@@ -351,7 +349,7 @@ class _ClusterRun:
         else:
             task, future = self._submitted.pop(value)
             self._observer.ended(task, _result(task, future))
-            self._submit()
+            self._fill()
 
 
 def _for_a_worker(task: Task) -> Task:

@@ -14,12 +14,15 @@ import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from oppload_cli.batch import tasks
 from oppload_cli.errors import ParameterError
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import Outcome, Outputs, Task
 from oppload_cli.processes import threads
 from oppload_cli.version import __version__
 from tests.cli.process import oppload, start, wait_for_rows
@@ -169,6 +172,31 @@ def test_a_cluster_with_another_version_or_none(client: Answering, sentence: str
     tasks._check_workers(Answering(), "tcp://a:1")
     with pytest.raises(ParameterError, match="^" + re.escape(sentence)):
         tasks._check_workers(client, "tcp://a:1")
+
+
+def test_more_existing_results_than_the_scheduler_takes_tasks_end_no_batch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before, the inputs after them were neither run nor counted."""
+    monkeypatch.setattr(tasks, "_MOST_SUBMITTED", 1)
+    (tmp_path / "b.frames.csv").touch()
+    settings = resolve(models=["dlgmd"])
+    listed = [
+        Task(name, settings, Outputs.of(tmp_path, name, ["dlgmd"])) for name in ("a", "b", "c")
+    ]
+    ended: list[str] = []
+    observer: Any = SimpleNamespace(ended=lambda task, _result: ended.append(task.name))
+
+    def submit(*_arguments: object, key: str, **_options: object) -> SimpleNamespace:
+        future = SimpleNamespace(key=key, status="finished", result=Outcome)
+        future.add_done_callback = lambda call: call(future)
+        return future
+
+    client = SimpleNamespace(
+        submit=submit, subscribe_topic=lambda *_: None, unsubscribe_topic=lambda *_: None
+    )
+    tasks._ClusterRun(client, iter(listed), observer).run()
+    assert ended == ["a", "b", "c"]
 
 
 @pytest.mark.slow
