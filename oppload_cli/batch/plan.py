@@ -344,8 +344,10 @@ class Tally:
         if not self.verdicts:
             return
         alarmed = self.alarmed
-        verdicts = chain.from_iterable(alarmed.values())
-        counts = Counter(verdict.model for verdict in verdicts if verdict.alarms)
+        counts: Counter[str] = Counter()
+        for verdict in chain.from_iterable(alarmed.values()):  # also 0: keeps the detectors' order
+            counts[verdict.model] += bool(verdict.alarms)
+        counts = +counts
         most_detectors = max(map(len, self.verdicts.values()))
         if most_detectors > MOST_IN_A_LINE:
             yield f"{len(alarmed)} of {len(self.verdicts)} inputs had an alarm; all alarms: {path}"

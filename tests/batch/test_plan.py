@@ -329,7 +329,7 @@ def alarmed(**peaks: float) -> Outcome:
 
 def test_the_strongest_alarms_come_first_and_the_others_are_counted() -> None:
     tally, place, order = Tally(), Path("alarms.csv"), ("strong", "weak")
-    outcomes = {
+    outcomes = {  # the first is the input that ended first, in which only D-LGMD had an alarm
         "weak": alarmed(opplod=0.5, dlgmd=2.0),
         "none": alarmed(opplod=0.5, dlgmd=0.5),
         "strong": alarmed(opplod=3.0, dlgmd=4.0),
@@ -338,7 +338,7 @@ def test_the_strongest_alarms_come_first_and_the_others_are_counted() -> None:
         tally.add(name, outcome)
     stems = {name: name.upper() for name in outcomes}
     strong, weak = (f"  {each.upper()}: {in_words(outcomes[each].verdicts)}" for each in order)
-    first = "2 of 3 inputs had an alarm (D-LGMD 2, OppLoD 1); the strongest first:"
+    first = "2 of 3 inputs had an alarm (OppLoD 1, D-LGMD 2); the strongest first:"
     assert list(tally.alarms(2, place, stems)) == [first, strong, weak]
     assert list(tally.alarms(1, place, stems)) == [first, strong, "  and 1 more: alarms.csv"]
 
