@@ -260,7 +260,7 @@ def stimuli() -> Built:
 
 
 def _indices(changes: dict[str, dict[str, list[int]]]) -> dict[str, dict[int, float]]:
-    """Return the RMO index by stimulus and frame, of stimuli that move fast enough."""
+    """Return the RMO index by stimulus and frame; stimuli that move too slowly are left out."""
     indices = {
         protocol.name: _index(protocol)
         for name, changed in changes.items()
@@ -270,7 +270,7 @@ def _indices(changes: dict[str, dict[str, list[int]]]) -> dict[str, dict[int, fl
 
 
 def _index(protocol: Protocol) -> dict[int, float]:
-    """Return the RMO index by frame, of frames in which an edge moves fast enough."""
+    """Return the RMO index by frame, of frames in which an edge is fast enough or objects turn."""
     flow, scale = DenseFlow(), _HEIGHT / protocol.display.height
     turning = any(each.motion and each.motion.rotation_deg_s for each in protocol.objects)
     values = {}
