@@ -271,7 +271,7 @@ FIGURES = {
     "thresholds": ("looming.thresholds", 40),
     "rmo-definition": ("rmo.definition", 1),
     "rmo-stimuli": ("rmo.stimuli", 8),
-    "lplc2": ("lplc2.battery", 400),
+    "lplc2": ("lplc2.battery", 280),
 }
 _SCHEMA = "oppload.reproduction/1"
 _PAPER = (

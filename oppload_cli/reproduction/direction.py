@@ -259,8 +259,7 @@ def _shown(preset: str) -> Inward:
 
 def _inward(shown: Inward, preset: str) -> Finding:
     ratios = {
-        angle: shown[_INWARD][angle].largest / max(shown[_OUTWARD][angle].largest, 1e-30)
-        for angle in _ANGLES
+        angle: shown[_INWARD][angle].largest / shown[_OUTWARD][angle].largest for angle in _ANGLES
     }
     return Finding(
         f"Peak for inward motion divided by the peak for outward motion: {_stated(ratios)}.",

@@ -237,9 +237,9 @@ def _ranges(rows: Sequence[Row]) -> str:
 
 def _alike(rows: Sequence[Row]) -> Finding:
     """Compare the peaks with published ones: r without the loom, rms difference with the loom."""
-    pairs = [(row.peak_over_loom, row.published) for row in rows if row.published is not None]
-    model, neurons = np.array(pairs, float).T
-    others = np.array([row.stimulus != LOOM for row in rows if row.published is not None])
+    known = [row for row in rows if row.published is not None]
+    model, neurons = np.array([(row.peak_over_loom, row.published) for row in known], float).T
+    others = np.array([row.stimulus != LOOM for row in known])
     rms = float(np.sqrt(np.mean((model - neurons) ** 2)))
     if math.isnan(rms):
         r, text = math.nan, NO_RESPONSE
