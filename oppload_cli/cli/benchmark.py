@@ -41,7 +41,7 @@ from oppload_cli.files.atomic import claimed
     help="Labelled clips to evaluate the detectors on as well, as by 'oppload evaluate'.",
 )
 @options.output("benchmark")
-@options.jobs("detectors")
+@options.jobs("stimuli")
 @options.if_exists("a benchmark with other settings")
 @options.quiet
 def benchmark(
