@@ -12,7 +12,14 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.motion.rmo import rmo
 from oppload_cli.reproduction import bars, direction, looming
 from oppload_cli.reproduction import rmo as reproduction_rmo
-from oppload_cli.reproduction.claims import FIGURES, Verdict, build, chosen_figures, settings_of
+from oppload_cli.reproduction.claims import (
+    FIGURES,
+    PAPER_PRESETS,
+    Verdict,
+    build,
+    chosen_figures,
+    settings_of,
+)
 from oppload_cli.reproduction.rmo import _construct, definition
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.tuning.present import Responses
@@ -95,6 +102,21 @@ def test_the_paper_gives_frames_for_the_disk_in_the_middle_only(
         "The model finds where the object is looming.",
     ]
     assert all("\u201c" in claim.source for claim in claims)
+
+
+def test_the_disk_is_judged_by_frames_values_and_place_at_the_peak() -> None:
+    shown = {
+        "opplod": responses([math.nan, 0.0, 1.0, 4.0, 2.0]),
+        "dlgmd": responses([math.nan, 0.0, 0.5, 0.5, 2.0]),
+    }
+    earlier, stronger = looming._earlier(shown), looming._stronger(shown)
+    assert earlier.numbers == {"opplod_onset_frame": 2, "dlgmd_onset_frame": 2}
+    assert earlier.verdict is Verdict.IN_PART  # of equal frames none is earlier
+    assert stronger.numbers == {"share_above": 1 / 3}  # of frames 1 to 3; 0 and 1/4 are equal
+    boxes = np.full((5, 4), np.nan)
+    boxes[3] = 100, 50, 20, 10
+    placed = {"opplod": replace(shown["opplod"], box=boxes)}
+    assert looming._place((110, 58), placed).numbers == {"distance_px": 3}
 
 
 def test_crossings_need_the_largest_control() -> None:
@@ -235,6 +257,23 @@ def test_inward_motion_must_suppress_along_one_axis_at_least() -> None:
         )
         assert list(found.numbers.values()) == pytest.approx([along_0, along_45])
         assert found.verdict is verdict
+
+
+def test_inward_motion_is_judged_along_the_worse_axis() -> None:
+    outward, inward = (
+        {angle: responses([math.nan, 1.0, peak]) for angle, peak in ((0, one), (45, other))}
+        for one, other in ((25.0, 5.0), (1.0, 1.0))
+    )
+    shown = {direction._OUTWARD: outward, direction._INWARD: inward}
+    found = direction._inward(shown, "reference")
+    assert found.numbers == {"ratio_0_deg": 0.04, "ratio_45_deg": 0.2}
+    assert found.verdict is Verdict.IN_PART
+
+
+def test_the_speed_of_the_bar_is_that_at_the_working_height() -> None:
+    """The bar of the paper grows at 4 px/frame of 600 px."""
+    speeds = [direction._speed(load(direction._BAR), settings_of(name)) for name in PAPER_PRESETS]
+    assert speeds == pytest.approx([4 * 240 / 600, 4])
 
 
 def test_diagonals_are_judged_by_shares_of_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
