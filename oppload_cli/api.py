@@ -19,7 +19,7 @@ from oppload_cli.files.atomic import part_of, write_atomic
 from oppload_cli.files.reading import is_file, path_of
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import STUDY_PRESET
-from oppload_cli.pipeline.execute import collected
+from oppload_cli.pipeline.execute import analyse_source
 from oppload_cli.pipeline.settings import check_assignments, resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
 from oppload_cli.pipeline.task import IfExists, Outputs
@@ -323,7 +323,7 @@ def run(
     pixels = chosen.height or "native"
     with open_source(source, rate=rate, times=times, height=pixels, preset=chosen.preset) as frames:
         truth = ground_truth(frames.protocol) if isinstance(frames, StimulusVideo) else None
-        columns, sidecar = collected(frames, chosen, records.append, truth)
+        columns, sidecar = analyse_source(frames, chosen, records.append, truth)
         # Only the name of a video is a path; those of stimuli and arrays are not.
         is_video = isinstance(frames, Video)
     detections = [detection_values(record, one) for record in records for one in record.detections]

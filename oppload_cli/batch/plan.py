@@ -148,7 +148,7 @@ def planned(named: Iterable[str | Input | Failure], *, recursive: bool = False) 
 
 
 def _stem_key(stem: str) -> str:
-    """Return one text for stems that some system takes for one: A and a, or é and its parts."""
+    """Return the same key for stems that a system may take for one name: A and a, é and e + ´."""
     return unicodedata.normalize("NFC", stem.casefold())
 
 
@@ -288,7 +288,8 @@ class Tally:
         self.failures = list(failures)
         self.inputs: Counter[str] = Counter(failed=len(self.failures))
         self.frames: Counter[str] = Counter()
-        self.silent = self.incomplete = 0
+        self.silent = 0  # complete inputs without an alarm
+        self.incomplete = 0  # inputs, also those whose result was kept
         self.verdicts: dict[str, tuple[Verdict, ...]] = {}
 
     @property

@@ -45,7 +45,8 @@ if TYPE_CHECKING:
     from oppload_cli.pipeline.task import Outcome, Task
 
 
-ANSWER_WITHIN_S = 8.0  # of a scheduler; Python takes up to 2 s more until the error is printed
+# Time for a scheduler to answer; Python takes up to 2 s more until the error is printed.
+ANSWER_WITHIN_S = 8.0
 _STOP_WITHIN_S = 3.0  # time for the tasks on a cluster to stop
 _TELL_SCHEDULER_EVERY_S = 1.0
 # Loggers of dask, whose configuration gives each of them a level of its own.

@@ -107,7 +107,7 @@ def run_task(
         return run.outcome()
 
 
-def collected(
+def analyse_source(
     source: DecodedSource,
     settings: Settings,
     keep: Callable[[FrameRecord], object],

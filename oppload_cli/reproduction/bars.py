@@ -51,7 +51,7 @@ _END_DEG = 35.0  # largest distance of each end of the bar from its middle
 # The bar of the catalogue stops at the edge of the largest field. A longer bar shows what the
 # response does beyond the edge.
 _LONGER = {"bar.growth.end_deg": 2 * _END_DEG, "timing.motion_s": 1.5}
-_BEYOND = 1.1  # distance beyond the edge, as a multiple of the distance of the edge
+_BEYOND = 1.1  # a distance from the middle beyond the edge, divided by that of the edge
 _OFF_DIAGONAL = [0, 15, 30, 45]  # angle between an axis and the nearest diagonal, in degrees
 _LIGHTEST = 0.8  # end of the colour map, so that the lightest line can be seen on white
 _FIELD_NOTE = (
@@ -83,7 +83,7 @@ class _Tunings:
     def finding(
         self, text: str, verdict: Verdict, numbers: dict[str, float], *widths: int
     ) -> Finding:
-        """Return a finding from the bars of some widths; a number is NaN without a response."""
+        """Return a finding on the bars of some widths; a NaN number means that none responded."""
         if any(map(math.isnan, numbers.values())):
             return Finding(NO_RESPONSE, verdict, numbers)
         shown = {width: self.bars[width].values() for width in widths}

@@ -20,7 +20,7 @@ from oppload_cli.errors import (
     ParameterError,
     ShortageError,
 )
-from oppload_cli.pipeline.execute import _threads, collected, run_task
+from oppload_cli.pipeline.execute import _threads, analyse_source, run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import open_source
 from oppload_cli.pipeline.task import Interrupted, Outputs, Task
@@ -137,7 +137,7 @@ def test_dropped_frames_give_a_remark_if_they_are_many_and_a_share(
         def drop(_record: FrameRecord) -> None:
             source.decode.dropped = dropped
 
-        _, sidecar = collected(source, settings, drop, {"name": "hit"})
+        _, sidecar = analyse_source(source, settings, drop, {"name": "hit"})
     assert sidecar["stimulus"] == {"name": "hit"}
     said = f"{dropped} of {frames + dropped} frames were dropped, because they came faster than"
     found = [each for each in sidecar["remarks"] if "dropped" in each]
