@@ -14,6 +14,7 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
+    described_settings,
     faint_note,
     settings_of,
     short,
@@ -104,6 +105,17 @@ def test_a_verdict_on_a_faint_response_says_so() -> None:
     assert found["text"] == f"Peak at 44. {faint}"
     assert stated(found) == "holds, hardly responds"
     assert stated(Finding("x", HOLDS).as_dict()) == "holds"
+
+
+def test_preset_paper_ignores_changes_of_parameters() -> None:
+    change = ("opplod.receptive_field=192",)
+    for preset, field, text in (
+        ("reference", 192, "240 px, opplod.receptive_field=192"),
+        ("paper", 200, "600 px"),
+    ):
+        settings = settings_of(preset, change)
+        assert settings.groups["opplod"].as_dict()["receptive_field"] == field
+        assert described_settings(settings, change) == text
 
 
 def test_a_number_that_json_cannot_hold_is_null() -> None:

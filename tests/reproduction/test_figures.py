@@ -295,6 +295,13 @@ def test_the_speed_of_an_edge_is_that_at_the_working_height() -> None:
         assert len(reproduction_rmo._index(moving)) == frames
 
 
+def test_the_index_takes_all_frames_of_an_object_that_turns() -> None:
+    """The edges of a turning bar have no speed along the line from its middle."""
+    short = {"timing.before_s": 0, "timing.motion_s": 0.1, "timing.after_s": 0}
+    turning = load("controls/rotating-bar/rotation-90", short)
+    assert list(reproduction_rmo._index(turning)) == [1, 2]
+
+
 def test_the_medians_decide_on_the_index_of_the_stimuli(monkeypatch: pytest.MonkeyPatch) -> None:
     shown = iter([{"a/loom": {3: 0.0, 4: 1.0, 5: 1.0}}, {"b/bar": {3: 0.4, 4: 0.1, 5: 0.1}}])
     monkeypatch.setattr(reproduction_rmo, "_indices", lambda _: next(shown))

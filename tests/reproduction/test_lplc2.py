@@ -89,6 +89,29 @@ def test_phenomena_of_a_silent_model_are_in_no_range() -> None:
     assert "corners over the bar, largest: infinite, because the second stimulus" in text
 
 
+def test_each_effect_is_the_ratio_of_its_stimuli() -> None:
+    usual: dict[str, float] = {
+        "loom": 1, "bar-expand-10": 0.4, "bar-expand-20": 0.3, "bar-expand-60": 0.2,
+        "bar-expand-10-one-end": 0.1, "bar-expand-20-one-end": 0.15, "bar-expand-60-one-end": 0.05,
+        "bar-expand-inward-corners": 0.04, "bar-expand-inward-periphery": 0.02,
+        "cross-outward": 0.5, "cross-inward": 0.02,
+        "bar-sweep": 0.05, "edge": 0.03, "grating": 0.02,
+    }  # fmt: skip
+    others = {
+        ("bar-expand-10", 90): 0.5, ("bar-expand-60", 15): 0.1, ("bar-expand-60", 30): 0.15,
+        ("bar-expand-60", 45): 0.05, ("bar-expand-inward-corners", 15): 0.2,
+        ("bar-expand-inward-periphery", 30): 0.1, ("edge", 45): 0.01, ("grating", 180): 0.3,
+        ("bar-expand-20-one-end", 150): 0.2,
+    }  # fmt: skip
+    rows = [
+        Row(name, axis, None, "toy", others.get((name, axis or 0), peak), None)
+        for name, peak in usual.items()
+        for axis in (None, *range(0, 360, 15))
+    ]
+    values = [value for value, _, _ in phenomena(rows).values()]
+    assert values == pytest.approx([1.5, 0.5, 0.02, 0.5, 0.25, 0.25, 1.5, 0.8, 0.01, 0.3])
+
+
 def test_likeness_of_equal_and_of_unknown_peaks_in_words() -> None:
     rows = [Row("edge", axis, None, "toy", 0.0, 0.1) for axis in (0, 90)]
     assert _alike(rows).text == "All peaks are equal: no r; rms 0.1."
