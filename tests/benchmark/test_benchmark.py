@@ -115,6 +115,14 @@ def test_measures_are_kept_and_taken_up_again(
     assert show(columns, detectors, tmp_path) == first
 
 
+def test_alarms_are_counted_where_they_start() -> None:
+    times, nan = np.arange(5) / 10, np.nan
+    alarm = np.array([1, 1, 0, 1, 0], bool)
+    found = battery._measure("a", times, np.array([nan, 1, 3, 3, 2]), alarm)
+    assert found == Measured("a", 3.0, 0.2, 2, 0.0)
+    assert battery._measure("a", times, np.full(5, nan), None) == Measured("a", None, None, 0, None)
+
+
 def shown(values: Sequence[tuple[str, float, int]]) -> list[Shown]:
     """Make a benchmark of one detector with stated peaks and alarms."""
     (protocol,) = BATTERY[0].protocols()
