@@ -330,10 +330,11 @@ def test_the_title_of_a_narrow_table_is_not_cut() -> None:
         assert each.get_window_extent().x1 <= figure.bbox.x1
 
 
-def test_the_shades_end_at_the_responses() -> None:
-    found = Benchmark(shown([(LOOMING, 4.0, 1), (CONTROL, 2.0, 0)]), chosen_detectors(["lgmd2"]))
-    figure = _drawn(found, TABLES[0])
+def test_the_shades_end_at_the_responses_and_the_dots_are_alarms() -> None:
+    stated = [(LOOMING, 4.0, 1), (CONTROL, 2.0, 1), (CONTROL, 2.0, 0)]
+    figure = _drawn(Benchmark(shown(stated), chosen_detectors(["lgmd2"])), TABLES[0])
     panel, bar = figure.axes
+    assert [dot.get_fillstyle() for dot in panel.lines] == ["full", "left"]
     assert panel.images[0].get_clim() == (0.5, 1.0)
     assert bar.get_ylabel() == "response / disk"
     wide = Benchmark(shown([(LOOMING, 4.0, 1), (CONTROL, 0.1, 0)]), chosen_detectors(["lgmd2"]))
