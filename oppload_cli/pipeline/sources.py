@@ -115,12 +115,12 @@ class _VideoInMemory(ABC):
 class StimulusVideo(_VideoInMemory):
     """The frames of a stimulus at the working size, like those of an open video.
 
-    `height` is the working height in pixels; None keeps the native size. The stimulus is shown
-    `showings` times without a pause.
+    `height` is the working height in pixels; None keeps the native size. `presentations` is
+    the number of times that the stimulus is shown, one after the other without a pause.
     """
 
-    def __init__(self, protocol: Protocol, height: int | None, showings: int = 1) -> None:
-        display, frames = protocol.display, protocol.frame_count * showings
+    def __init__(self, protocol: Protocol, height: int | None, presentations: int = 1) -> None:
+        display, frames = protocol.display, protocol.frame_count * presentations
         size, rate = (display.width, display.height), display.frame_rate
         super().__init__(InputFacts(protocol.name, "stimulus", *size, rate, frames), height)
         self.protocol = protocol

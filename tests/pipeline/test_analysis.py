@@ -34,7 +34,7 @@ from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.timebase import TimeParams
 from oppload_cli.pipeline.analysis import pass_params
 from oppload_cli.pipeline.one_pass import DetectorPass, _in_source
-from oppload_cli.pipeline.sources import ArrayLuminance, open_source
+from oppload_cli.pipeline.sources import ArrayLuminance, StimulusVideo, open_source
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import InputFacts, WorkingSize
 from oppload_cli.video.inputs import Span, checked_rate, parse_position
@@ -284,6 +284,19 @@ def test_the_rate_of_an_array_is_that_of_its_usual_step() -> None:
     # Preset paper counts frames, and the others count time.
     for preset, interval in (("paper", "frame"), ("reference", "1/30")):
         assert pass_params(preset=preset).time.interval == interval
+
+
+def test_each_presentation_of_a_stimulus_goes_on_where_the_one_before_ended() -> None:
+    short = {"timing.motion_s": 0.1, "timing.after_s": 0, "display.frame_rate": 20}
+    protocol = stimulus.load(
+        "controls/translating-disk-speed/speed-20", {**short, "timing.before_s": 0}
+    )
+    video, count = StimulusVideo(protocol, 24, 2), protocol.frame_count
+    frames = list(video)
+    assert video.times.remarks() == []  # no time goes back, and none had to be put right
+    assert [frame.time_s for frame in frames] == pytest.approx(np.arange(2 * count) / 20)
+    for first, second in zip(frames[:count], frames[count:], strict=True):
+        np.testing.assert_array_equal(first.luma, second.luma)
 
 
 def test_a_second_pause_is_shown_to_the_models_with_its_own_times() -> None:
