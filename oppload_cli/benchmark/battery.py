@@ -252,8 +252,9 @@ def show(
     ]
 
 
-# The responses and alarms depend on the code of these rooms.
+# The measurements depend on the code of these rooms and modules.
 _ROOMS = "compute", "detection", "models", "motion", "pipeline", "stimulus", "video"
+_MODULES = "benchmark/battery.py", "evaluation/evaluate.py"
 _SOURCES = {".py", ".c", ".h", ".csv"}
 
 
@@ -261,6 +262,7 @@ def _code_checksum(detectors: Sequence[EvaluatedDetector]) -> str:
     """Return a checksum of the code: after a change, all measurements are made again."""
     package = Path(__file__).parents[1]
     files = {path for room in _ROOMS for path in (package / room).rglob("*.*")}
+    files |= {package / name for name in _MODULES}
     # A user's own detector lies outside the package.
     files |= {Path(inspect.getfile(detector_named(each.detector))) for each in detectors}
     code = hashlib.sha256()

@@ -8,6 +8,7 @@ import shutil
 import sys
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,7 +38,6 @@ from tests.results.make import rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
 NAMES = ("frame_difference", "lgmd1_single")
 
@@ -113,6 +113,21 @@ def test_measures_are_kept_and_taken_up_again(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == bytes_of
     monkeypatch.setattr(battery, "outputs_of", None)  # nothing is shown any more
     assert show(columns, detectors, tmp_path) == first
+
+
+def test_measurements_are_kept_only_while_their_code_is_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    read: set[str] = set()
+
+    def read_bytes(path: Path) -> bytes:
+        read.add(path.name)
+        return b""
+
+    monkeypatch.setattr(Path, "read_bytes", read_bytes)
+    battery._code_checksum(chosen_detectors(NAMES))
+    assert {"lgmd1_single.py", "alarm.py", "zhou_lrf.csv", "presynaptic.c"} <= read
+    assert {"battery.py", "evaluate.py"} <= read  # a peak, and the response after a gap
 
 
 def test_alarms_are_counted_where_they_start() -> None:
