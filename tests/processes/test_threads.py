@@ -41,6 +41,21 @@ def test_an_error_in_the_thread_is_raised_after_the_items_before_it() -> None:
     items.close()
 
 
+def test_closing_ends_a_thread_that_waits_for_its_caller() -> None:
+    made: SimpleQueue[int] = SimpleQueue()
+
+    def counting() -> Iterator[int]:
+        for number in count():
+            made.put(number)
+            yield number
+
+    items = Prefetch(counting(), ahead=2)
+    for number in range(2):
+        assert made.get(timeout=5) == number
+    sleep(0.01)  # two items wait now, and so does the thread
+    assert items.close()
+
+
 def test_closing_early_joins_the_thread() -> None:
     before = threading.active_count()
     items = Prefetch(iter(range(10**9)), ahead=2)
