@@ -99,7 +99,7 @@ def test_the_process_exits_with_everything_printed_and_registered_functions_call
 def test_a_run_loads_its_detectors_alone() -> None:
     code = (
         "import sys\n"
-        "from oppload_cli.pipeline.execute import collected\n"
+        "from oppload_cli.pipeline.execute import analyse_source\n"
         "from oppload_cli.pipeline.settings import resolve\n"
         "rooms = 'oppload_cli.models.published.', 'importlib.metadata'\n"
         "for models, changes in ([], ['opplod.gain=2']), (['lgmd2', 'opplod:paper'], []):\n"
