@@ -346,7 +346,8 @@ class Tally:
             return
         alarmed = self.alarmed
         counts: Counter[str] = Counter()
-        for verdict in chain.from_iterable(alarmed.values()):  # also 0: keeps the detectors' order
+        # Detectors without an alarm are counted first, so that all keep their order, and left out.
+        for verdict in chain.from_iterable(alarmed.values()):
             counts[verdict.model] += bool(verdict.alarms)
         counts = +counts
         most_detectors = max(map(len, self.verdicts.values()))
