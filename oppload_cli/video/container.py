@@ -69,11 +69,14 @@ _MOST_DEMUX_ERRORS = 100  # most errors without a packet between them
 # These decoders conceal damage without an error: VP8 with frame threads, because it predicts
 # pictures from failed frames, and MPEG-1 and MPEG-2 with slice threads.
 _SILENT_CODECS = {"vp8", "mpeg1video", "mpeg2video"}
+# So does HEVC, mostly. But one thread is slow for large frames of it.
+_SILENT_IF_SMALL = {"hevc"}
 # Slice threads decode parts of the same frame. With them these codecs give the same pixels for any
 # number of threads. With frame threads the pixels differ, once an earlier frame has been lost.
 _INDEPENDENT_SLICES = {"ffv1", "jpeg2000"}
-# For these codecs, up to this size, one thread decodes as fast as the detectors work.
-_QUICK_CODECS, _QUICK_PIXELS = {"h264", "mpeg4"}, 1 << 20
+# On two cores one thread decodes small frames of these codecs as fast as the detectors work.
+_QUICK_CODECS = {"h264", "mpeg4"}
+_SMALL_PIXELS = 1 << 20
 _FEW_CORES = 2
 _LONGEST_ERROR = 80  # characters
 _JUMP_S = 1.0  # of the time where two transport streams were joined
@@ -128,9 +131,12 @@ class ContainerSource(PictureSource):
         self._container = self._opened()
         try:
             self._stream = self._video_stream(self._container)
-            self._codec = self._stream.codec_context.codec.canonical_name
+            codec = self._stream.codec_context
+            self._codec = codec.codec.canonical_name
+            self._is_small = codec.width * codec.height <= _SMALL_PIXELS
+            silent = _SILENT_CODECS | (_SILENT_IF_SMALL if self._is_small else set())
             # Careful decoding uses no frame threads; an input without a second pass needs it.
-            self._careful = self._only_once or self._codec in _SILENT_CODECS | _INDEPENDENT_SLICES
+            self._careful = self._only_once or self._codec in silent | _INDEPENDENT_SLICES
             self._prepare()
             frames = self._reproducibly_decoded()
             first = self._first_of(frames)
@@ -330,11 +336,10 @@ class ContainerSource(PictureSource):
     def _decoder_threads(self) -> int:
         if cores() > _FEW_CORES:
             return 0  # the decoder chooses
-        codec = self._stream.codec_context
         # On two cores flow and detectors already use both. Decoder threads that wait for each
         # other then cost an eighth of a run. If one thread is too slow, four are faster than the
         # three that the decoder would choose.
-        if self._codec in _QUICK_CODECS and codec.width * codec.height <= _QUICK_PIXELS:
+        if self._codec in _QUICK_CODECS and self._is_small:
             return 1
         return 4 if cores() == _FEW_CORES else 0
 

@@ -589,12 +589,21 @@ def test_decoder_threads_follow_the_codec_the_size_and_the_cores(  # noqa: PLR09
         assert source.decode.threads == asked
 
 
-def test_vp8_is_decoded_by_one_thread_even_if_more_are_asked_for(tmp_path: Path) -> None:
-    frames = [np.zeros((48, 64), np.uint8)] * 3
-    path = write_video(tmp_path / "a.mkv", frames, codec="libvpx", pixel_format="yuv420p")
+@pytest.mark.parametrize(
+    ("codec", "size", "expected"),
+    [("libvpx", (48, 64), 1), ("libx265", (48, 64), 1), ("libx265", (1088, 1024), 3)],
+)
+def test_silent_decoders_get_one_thread_even_if_more_are_asked_for(
+    tmp_path: Path, codec: str, size: tuple[int, int], expected: int
+) -> None:
+    frames = [np.zeros(size, np.uint8)] * 3
+    options = {"x265-params": "log-level=none"} if codec == "libx265" else {}
+    path = write_video(
+        tmp_path / "a.mkv", frames, codec=codec, pixel_format="yuv420p", options=options
+    )
     with open_video(path, threads=3) as video:
         assert len(list(video)) == 3
-        assert video.decode.threads == 1
+        assert video.decode.threads == expected
 
 
 def damaged(path: Path, place: float) -> Path:
