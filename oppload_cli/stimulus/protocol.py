@@ -378,5 +378,5 @@ def _type_schema(each: Parameter, kind: Any) -> dict[str, Any]:
     bounds = {"minimum": each.low, "exclusiveMinimum": each.above, "maximum": each.high}
     number |= {name: bound for name, bound in bounds.items() if bound is not None}
     if kind is Fraction:
-        return {"anyOf": [number, {"type": "string", "pattern": "^[0-9]+(/[0-9]+)?$"}]}
+        return {"anyOf": [number, {"type": "string", "pattern": r"^[0-9]+([./][0-9]+)?$"}]}
     return number

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import pytest
 
 from docs.generate_gallery import SECTIONS, gallery_page, page_of_keys
 from oppload_cli import stimulus
+from oppload_cli.schema import parsed_fraction
 from oppload_cli.stimulus import Growth, Object, json_schema, load_all
 from oppload_cli.stimulus.catalogue import catalogue_directory
 from oppload_cli.stimulus.objects import KINDS
@@ -79,6 +82,21 @@ def test_the_schema_refuses_the_mistakes_that_the_code_refuses() -> None:
     ):
         assert old in text
         assert problems(tomllib.loads(text.replace(old, new)), schema, schema) != []
+
+
+@pytest.mark.parametrize(
+    ("rate", "valid"),
+    [("30", True), ("29.97", True), ("30000/1001", True), ("30 Hz", False), ("1/2/3", False)],
+)
+def test_the_schema_and_the_code_allow_the_same_rates(rate: str, valid: bool) -> None:
+    [pattern] = [
+        option["pattern"]
+        for option in json_schema()["properties"]["display"]["properties"]["frame_rate"]["anyOf"]
+        if option["type"] == "string"
+    ]
+    assert bool(re.search(pattern, rate)) == valid
+    with nullcontext() if valid else pytest.raises(ValueError, match=rate):
+        parsed_fraction(rate)
 
 
 def test_kinds_have_their_own_keys() -> None:
