@@ -5,14 +5,11 @@ from __future__ import annotations
 import atexit
 import errno
 import math
-import re
 from collections import deque
-from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
-from pathlib import Path
 from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -20,8 +17,7 @@ import av
 from av.codec.context import Flags
 from av.video.reformatter import ColorTrc
 
-from oppload_cli.errors import SourceError, cannot_read, counted, reason_of, without_login
-from oppload_cli.files.reading import is_file
+from oppload_cli.errors import SourceError, counted, reason_of, without_login
 from oppload_cli.processes import cores
 from oppload_cli.video.arrivals import Arrivals
 from oppload_cli.video.declared import (
@@ -32,9 +28,16 @@ from oppload_cli.video.declared import (
     orientation_of,
     video_streams,
 )
+from oppload_cli.video.demuxer import (
+    decoder_limit,
+    is_read_once,
+    is_remote,
+    open_container,
+    stored_bits,
+    video_stream,
+)
 from oppload_cli.video.frames import (
     MAX_PIXELS,
-    USUAL_BITS,
     InputFacts,
     Picture,
     PictureSource,
@@ -45,17 +48,14 @@ from oppload_cli.video.frames import (
     turned,
 )
 from oppload_cli.video.inputs import is_real_time
-from oppload_cli.video.integrity import CUT, fault_of
+from oppload_cli.video.integrity import fault_of
 from oppload_cli.video.planes import is_full_range, is_transparent, luma_plane
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from av.container import InputContainer
     from av.packet import Packet
-    from av.video.format import VideoFormat
     from av.video.frame import VideoFrame
-    from av.video.stream import VideoStream
     from numpy.typing import NDArray
 
     Decoded = tuple[VideoFrame, NDArray[Any], int]  # a frame, its luma, the bits of a sample
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 _HDR: dict[int, str] = {ColorTrc.SMPTE2084: "PQ", ColorTrc.ARIB_STD_B67: "HLG"}
 _LIVE_FORMAT = "mpjpeg"  # images that a network camera sends one by one over HTTP, without times
-_OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
+READ_TIMEOUT_S = 10.0
 _MOST_DEMUX_ERRORS = 100  # most errors without a packet between them
 # These decoders conceal damage without an error: VP8 with frame threads, because it predicts
 # pictures from failed frames, and MPEG-1 and MPEG-2 with slice threads.
@@ -96,15 +96,6 @@ if av.logging.get_level() is None:  # PyAV counts the decoders' errors only if a
     av.logging.set_level(av.logging.PANIC)  # this level prints no error
     # Otherwise threads of a decoder that was never closed would wait for the ended interpreter.
     atexit.register(av.logging.set_level, None)
-_CAMERA = re.compile(r"(camera)?[0-9]")  # as users of other programs may name one
-_LFS_POINTER = b"version https://git-lfs"  # such a file stands for one that was not fetched
-_ARRAYS = {".npy", ".npz", ".mat"}  # files of NumPy and MATLAB
-_RTP_ADVICE = (
-    "try ffmpeg -protocol_whitelist file,rtp,udp -i FILE.sdp -c copy -f matroska - | "
-    "oppload run /dev/stdin"
-)
-# These formats list other files; oppload opens only the file that the user named.
-_PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
 
 class ContainerSource(PictureSource):
@@ -123,14 +114,13 @@ class ContainerSource(PictureSource):
         self._errors = 0  # number of errors that decoders have logged in this process
         self._not_coded = 0  # number of declared frames without a picture of their own
         self._same_times = True  # whether all packets so far are presented when they are decoded
-        self._remote = "://" in name
-        self._only_once = self._remote or not is_file(name)  # a stream or a pipe
+        self._remote, self._only_once = is_remote(name), is_read_once(name)
         self._arrived_s = 0.0  # when the latest packet came
         self._arrivals = Arrivals()
         self._threads = threads
-        self._container = self._opened()
+        self._container = open_container(name, READ_TIMEOUT_S)
         try:
-            self._stream = self._video_stream(self._container)
+            self._stream = video_stream(name, self._container)
             codec = self._stream.codec_context
             self._codec = codec.codec.canonical_name
             self._is_small = codec.width * codec.height <= _SMALL_PIXELS
@@ -231,84 +221,6 @@ class ContainerSource(PictureSource):
         measured = (self.decode.decoded - 1) / (self._latest_time or math.inf)
         return max(1, round(lost * (min(rate, measured) or rate) - 1))
 
-    def _opened(self) -> InputContainer:
-        if not self._remote:
-            self._check_file()
-        most_pixels = _decoder_limit()  # outside `try`: a wrong setting is no fault of the file
-        began_s = monotonic()
-        try:
-            return av.open(
-                # Without the prefix FFmpeg would take a name such as "a:b.mp4" for an address.
-                self.name if self._remote else f"file:{self.name}",
-                timeout=(_OPEN_TIMEOUT_S, READ_TIMEOUT_S) if self._remote else None,
-                metadata_errors="replace",
-                options={"max_pixels": most_pixels},
-            )
-        except (av.error.FFmpegError, OSError, ValueError) as error:
-            advice = "check the address" if self._remote else "check the file, or convert it"
-            reason, log = reason_of(error), str(getattr(error, "log", None))
-            # At the time limit FFmpeg gives ExitError, or for RTSP another error.
-            if self._remote and monotonic() - began_s >= _OPEN_TIMEOUT_S:
-                reason = f"no video came within {_OPEN_TIMEOUT_S:g} s"
-            elif "moov atom not found" in log:
-                reason = "it lacks the index of an MP4, as after an unfinished recording or copy"
-            elif "SDP file" in log or "'rtp' not on whitelist" in log:
-                reason, advice = "RTP needs an SDP file and a pipe", _RTP_ADVICE
-            raise SourceError(
-                f"{self.name}: not a video that can be read ({reason}); {advice}"
-            ) from error
-
-    def _check_file(self) -> None:
-        path = Path(self.name)
-        try:
-            size = path.stat().st_size
-        except (FileNotFoundError, ValueError) as error:  # a text that can be no file's name
-            reason = "no such file; check the path"
-            if self.name == "-":
-                reason = "give /dev/stdin to read from standard input"
-            elif _CAMERA.fullmatch(self.name):
-                reason = f"no such file; write camera:{self.name[-1]} for a camera"
-            elif path.is_symlink():
-                reason = "is a link to a file that does not exist; fetch or restore that file"
-            raise SourceError(f"{self.name}: {reason}") from error
-        except OSError as error:
-            raise cannot_read(self.name, error) from error
-        if not path.is_file():
-            return
-        if size == 0:
-            raise SourceError(f"{self.name}: the file is empty; copy or record it again")
-        if path.suffix.lower() in _ARRAYS:
-            raise SourceError(
-                f"{self.name}: holds arrays, not a video; load its frames in Python, and give them "
-                "to oppload_cli.run(frames, rate=...)"
-            )
-        # If the file cannot be read, opening the video raises the error.
-        with suppress(OSError), path.open("rb") as file:
-            if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
-                raise SourceError(
-                    f"{self.name}: is a pointer of Git LFS, not the video itself; fetch the video "
-                    "with git lfs pull"
-                )
-
-    def _video_stream(self, container: InputContainer) -> VideoStream:
-        if not self._remote and container.format.name in _PLAYLISTS:
-            raise SourceError(f"{self.name}: only names other files; give those files instead")
-        streams = video_streams(container)
-        if not streams:
-            if not self._only_once and fault_of(self.name, container.format.name) == CUT:
-                raise SourceError(
-                    f"{self.name}: {CUT}, before its pictures; copy or record it again"
-                )
-            raise SourceError(f"{self.name}: holds no video stream; give a file with pictures")
-        # PyAV's type stubs promise a codec, but a stream with an unknown codec has none.
-        codec: Any = streams[0].codec_context
-        if codec is None:
-            raise SourceError(
-                f"{self.name}: FFmpeg does not know its codec; convert it, e.g. to H.264"
-            )
-        check_pixels(self.name, codec.width, codec.height, _stored_bits(codec.format))
-        return streams[0]
-
     def _prepare(self) -> None:
         """Set the options of the decoder, and open it."""
         codec = self._stream.codec_context
@@ -319,7 +231,7 @@ class ContainerSource(PictureSource):
         # An option of dav1d: decode one frame at a time.
         one_at_a_time = {"max_frame_delay": "1"} if self._careful else {}
         # PNG and HEVC decoders check checksums only with the option `err_detect`.
-        codec.options = {"max_pixels": _decoder_limit(), "err_detect": "crccheck", **one_at_a_time}
+        codec.options = {"max_pixels": decoder_limit(), "err_detect": "crccheck", **one_at_a_time}
         # Frames with concealed damage are kept, and counted as corrupt: without them the video
         # would be shorter.
         codec.flags |= Flags.output_corrupt
@@ -383,8 +295,8 @@ class ContainerSource(PictureSource):
                 self.decode.corrupt += decoded[0].is_corrupt
 
     def _start_again(self) -> None:
-        container = self._opened()
-        stream = self._video_stream(container)
+        container = open_container(self.name, READ_TIMEOUT_S)
+        stream = video_stream(self.name, container)
         self.decode.failures = self.decode.corrupt = self._not_coded = 0
         self.decode.messages.clear()
         self._careful = True
@@ -411,7 +323,7 @@ class ContainerSource(PictureSource):
                 )
             raise SourceError(f"{self.name}: no frame could be decoded ({reasons}); {remedy}")
         frame = first[0]
-        check_pixels(self.name, frame.width, frame.height, _stored_bits(frame.format))
+        check_pixels(self.name, frame.width, frame.height, stored_bits(frame.format))
         return first
 
     def _decoded(self) -> Iterator[Decoded]:
@@ -616,23 +528,9 @@ def _checked_luma(frame: VideoFrame) -> tuple[NDArray[Any], int]:
 
     The decoder's own limit is higher, and a later frame may be larger than the first frame.
     """
-    if too_large(frame.width, frame.height, _stored_bits(frame.format)):
+    if too_large(frame.width, frame.height, stored_bits(frame.format)):
         raise ValueError(
             f"a frame of {frame.width} x {frame.height} pixels is too large; set {MAX_PIXELS} "
             f"higher if that is right"
         )
     return luma_plane(frame)
-
-
-def _stored_bits(pixel_format: VideoFormat | None) -> int:
-    """Return the bits of memory that a decoder needs per pixel; the usual number if unknown."""
-    return pixel_format.padded_bits_per_pixel if pixel_format else USUAL_BITS
-
-
-def _decoder_limit() -> str:
-    """Return the value of FFmpeg's option ``max_pixels``.
-
-    It is higher than :func:`max_pixels`, because decoders round sizes up and add margins before
-    they compare. The limit stops a stream whose pictures are larger than its container declares.
-    """
-    return str(min(2 * max_pixels() + (1 << 16), (1 << 31) - 1))

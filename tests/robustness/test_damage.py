@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import SourceError
-from oppload_cli.video import container
+from oppload_cli.video import container, demuxer
 from oppload_cli.video.declared import declared_end
 from oppload_cli.video.source import open_video
 from tests.cli.inside import oppload
@@ -327,7 +327,7 @@ def test_a_packet_that_comes_after_the_time_limit_is_the_last(
 
 @pytest.mark.parametrize("scheme", ["tcp", "rtsp"])
 def test_an_address_from_which_nothing_comes(monkeypatch: pytest.MonkeyPatch, scheme: str) -> None:
-    monkeypatch.setattr(container, "_OPEN_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(demuxer, "_OPEN_TIMEOUT_S", 0.05)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(SourceError, match=r"no video came within 0.05 s\); check the address"):

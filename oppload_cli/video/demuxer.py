@@ -1,0 +1,141 @@
+"""Opens video files and network streams with FFmpeg, and says why one cannot be opened."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+import av
+
+from oppload_cli.errors import SourceError, cannot_read, reason_of
+from oppload_cli.files.reading import is_file
+from oppload_cli.video.declared import video_streams
+from oppload_cli.video.frames import USUAL_BITS, check_pixels, max_pixels
+from oppload_cli.video.integrity import CUT, fault_of
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+    from av.video.format import VideoFormat
+    from av.video.stream import VideoStream
+
+_OPEN_TIMEOUT_S = 10.0
+_CAMERA = re.compile(r"(camera)?[0-9]")  # as users of other programs may name one
+_LFS_POINTER = b"version https://git-lfs"  # such a file stands for one that was not fetched
+_ARRAYS = {".npy", ".npz", ".mat"}  # files of NumPy and MATLAB
+_RTP_ADVICE = (
+    "try ffmpeg -protocol_whitelist file,rtp,udp -i FILE.sdp -c copy -f matroska - | "
+    "oppload run /dev/stdin"
+)
+# These formats list other files; oppload opens only the file that the user named.
+_PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
+
+
+def is_remote(name: str) -> bool:
+    """Return whether a name is the address of a stream."""
+    return "://" in name
+
+
+def is_read_once(name: str) -> bool:
+    """Return whether an input cannot be read again, such as a stream or a pipe."""
+    return is_remote(name) or not is_file(name)
+
+
+def open_container(name: str, read_timeout_s: float) -> InputContainer:
+    """Open a file or a stream; a stream may take `read_timeout_s` seconds for each packet.
+
+    Raises SourceError if there is no such file, or FFmpeg cannot read it as a video.
+    """
+    remote = is_remote(name)
+    if not remote:
+        _check_file(name)
+    most_pixels = decoder_limit()  # outside `try`: a wrong setting is no fault of the file
+    began_s = monotonic()
+    try:
+        return av.open(
+            # Without the prefix FFmpeg would take a name such as "a:b.mp4" for an address.
+            name if remote else f"file:{name}",
+            timeout=(_OPEN_TIMEOUT_S, read_timeout_s) if remote else None,
+            metadata_errors="replace",
+            options={"max_pixels": most_pixels},
+        )
+    except (av.error.FFmpegError, OSError, ValueError) as error:
+        advice = "check the address" if remote else "check the file, or convert it"
+        reason, log = reason_of(error), str(getattr(error, "log", None))
+        # At the time limit FFmpeg gives ExitError, or for RTSP another error.
+        if remote and monotonic() - began_s >= _OPEN_TIMEOUT_S:
+            reason = f"no video came within {_OPEN_TIMEOUT_S:g} s"
+        elif "moov atom not found" in log:
+            reason = "it lacks the index of an MP4, as after an unfinished recording or copy"
+        elif "SDP file" in log or "'rtp' not on whitelist" in log:
+            reason, advice = "RTP needs an SDP file and a pipe", _RTP_ADVICE
+        raise SourceError(f"{name}: not a video that can be read ({reason}); {advice}") from error
+
+
+def _check_file(name: str) -> None:
+    path = Path(name)
+    try:
+        size = path.stat().st_size
+    except (FileNotFoundError, ValueError) as error:  # a text that can be no file's name
+        reason = "no such file; check the path"
+        if name == "-":
+            reason = "give /dev/stdin to read from standard input"
+        elif _CAMERA.fullmatch(name):
+            reason = f"no such file; write camera:{name[-1]} for a camera"
+        elif path.is_symlink():
+            reason = "is a link to a file that does not exist; fetch or restore that file"
+        raise SourceError(f"{name}: {reason}") from error
+    except OSError as error:
+        raise cannot_read(name, error) from error
+    if not path.is_file():
+        return
+    if size == 0:
+        raise SourceError(f"{name}: the file is empty; copy or record it again")
+    if path.suffix.lower() in _ARRAYS:
+        raise SourceError(
+            f"{name}: holds arrays, not a video; load its frames in Python, and give them to "
+            "oppload_cli.run(frames, rate=...)"
+        )
+    # If the file cannot be read, opening the video raises the error.
+    with suppress(OSError), path.open("rb") as file:
+        if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
+            raise SourceError(
+                f"{name}: is a pointer of Git LFS, not the video itself; fetch the video with "
+                "git lfs pull"
+            )
+
+
+def video_stream(name: str, container: InputContainer) -> VideoStream:
+    """Return the first video stream of an open container.
+
+    Raises SourceError if there is none, its codec is unknown, or it declares too many pixels.
+    """
+    if not is_remote(name) and container.format.name in _PLAYLISTS:
+        raise SourceError(f"{name}: only names other files; give those files instead")
+    streams = video_streams(container)
+    if not streams:
+        if not is_read_once(name) and fault_of(name, container.format.name) == CUT:
+            raise SourceError(f"{name}: {CUT}, before its pictures; copy or record it again")
+        raise SourceError(f"{name}: holds no video stream; give a file with pictures")
+    # PyAV's type stubs promise a codec, but a stream with an unknown codec has none.
+    codec: Any = streams[0].codec_context
+    if codec is None:
+        raise SourceError(f"{name}: FFmpeg does not know its codec; convert it, e.g. to H.264")
+    check_pixels(name, codec.width, codec.height, stored_bits(codec.format))
+    return streams[0]
+
+
+def stored_bits(pixel_format: VideoFormat | None) -> int:
+    """Return the bits of memory that a decoder needs per pixel; the usual number if unknown."""
+    return pixel_format.padded_bits_per_pixel if pixel_format else USUAL_BITS
+
+
+def decoder_limit() -> str:
+    """Return the value of FFmpeg's option ``max_pixels``.
+
+    It is higher than :func:`max_pixels`, because decoders round sizes up and add margins before
+    they compare. The limit stops a stream whose pictures are larger than its container declares.
+    """
+    return str(min(2 * max_pixels() + (1 << 16), (1 << 31) - 1))
