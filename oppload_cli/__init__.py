@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.schema import Parameters, parameter
     from oppload_cli.video.frames import Frame
-    from oppload_cli.video.inputs import Position, Span
     from oppload_cli.video.source import Video, open_video
+    from oppload_cli.video.span import Position, Span
 
 
 __all__ = [
@@ -87,7 +87,7 @@ _MODULES = {
     "results.table": ("FrameRecord",),
     "schema": ("Parameters", "parameter"),
     "video.frames": ("Frame",),
-    "video.inputs": ("Position", "Span"),
+    "video.span": ("Position", "Span"),
     "video.source": ("Video", "open_video"),
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}

@@ -25,7 +25,7 @@ from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
 from oppload_cli.results.reading import BaseResult, find_video, is_tuning, read_result
 from oppload_cli.results.truths import truth_fault
-from oppload_cli.video.inputs import parse_position
+from oppload_cli.video.span import parse_position
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -14,8 +14,9 @@ from oppload_cli.errors import ParameterError, faults_at
 from oppload_cli.files.reading import text_of
 from oppload_cli.models.presets import DEFAULT_PRESET, NATIVE, PRESETS, preset_in
 from oppload_cli.schema import parsed_fraction
-from oppload_cli.video.inputs import HIGHEST_RATE, Position, Span, parse_position
+from oppload_cli.video.inputs import HIGHEST_RATE
 from oppload_cli.video.opening import Opening, is_video_file
+from oppload_cli.video.span import Position, Span, parse_position
 
 
 @click.command()

@@ -59,7 +59,7 @@ from oppload_cli.pipeline.task import (
     exists_already,
 )
 from oppload_cli.results.alarms import ALARM_COLUMNS, write_alarms
-from oppload_cli.video.inputs import GROUND_TRUTH, Span, is_real_time, left_out
+from oppload_cli.video.inputs import GROUND_TRUTH, is_real_time, left_out
 
 if sys.platform == "win32":
     from subprocess import list2cmdline as command_line
@@ -72,6 +72,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.batch.plan import Plan
     from oppload_cli.video.opening import Opening
+    from oppload_cli.video.span import Span
 
 
 _STANDARD_OUTPUT = "-"

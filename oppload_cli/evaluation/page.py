@@ -19,8 +19,8 @@ from oppload_cli.evaluation.plots import PLOTS
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.results.alarms import times
 from oppload_cli.stimulus.renderer import Renderer
-from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.source import open_video
+from oppload_cli.video.span import Position, Span
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence

@@ -40,9 +40,10 @@ from oppload_cli.processes.signals import stop_if_asked, takes_a_line
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.results.truths import facts_of_truth, read_truth
-from oppload_cli.video.inputs import Span, rate_beside, truth_beside
+from oppload_cli.video.inputs import rate_beside, truth_beside
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.optics import Optics
+from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -31,8 +31,9 @@ from oppload_cli.results.table import (
     write_sidecar,
 )
 from oppload_cli.video.frames import USUAL_RATE, WorkingSize
-from oppload_cli.video.inputs import ANNOTATED, Span, bytes_of, rate_beside
+from oppload_cli.video.inputs import ANNOTATED, bytes_of, rate_beside
 from oppload_cli.video.optics import FOV, Optics
+from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -15,8 +15,8 @@ from oppload_cli.results.alarms import times
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import BaseResult, known_threshold
 from oppload_cli.results.truths import usable_truth
-from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.source import open_video
+from oppload_cli.video.span import Position, Span
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

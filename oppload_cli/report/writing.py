@@ -40,8 +40,9 @@ from oppload_cli.results.reading import (
 )
 from oppload_cli.results.table import PAGE
 from oppload_cli.version import __version__
-from oppload_cli.video.inputs import REPORTED, Position, Span
+from oppload_cli.video.inputs import REPORTED
 from oppload_cli.video.source import source_of, stop
+from oppload_cli.video.span import Position, Span
 from oppload_cli.video.writers import Colour, Recording, colour_size
 
 if TYPE_CHECKING:

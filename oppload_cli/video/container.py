@@ -31,7 +31,6 @@ from oppload_cli.video.declared import (
 from oppload_cli.video.demuxer import (
     decoder_limit,
     is_read_once,
-    is_remote,
     open_container,
     stored_bits,
     video_stream,
@@ -47,7 +46,7 @@ from oppload_cli.video.frames import (
     too_large,
     turned,
 )
-from oppload_cli.video.inputs import is_real_time
+from oppload_cli.video.inputs import is_address, is_real_time
 from oppload_cli.video.integrity import fault_of
 from oppload_cli.video.planes import is_full_range, is_transparent, luma_plane
 
@@ -114,7 +113,7 @@ class ContainerSource(PictureSource):
         self._errors = 0  # number of errors that decoders have logged in this process
         self._not_coded = 0  # number of declared frames without a picture of their own
         self._same_times = True  # whether all packets so far are presented when they are decoded
-        self._remote, self._only_once = is_remote(name), is_read_once(name)
+        self._remote, self._only_once = is_address(name), is_read_once(name)
         self._arrived_s = 0.0  # when the latest packet came
         self._arrivals = Arrivals()
         self._threads = threads

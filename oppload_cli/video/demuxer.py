@@ -14,6 +14,7 @@ from oppload_cli.errors import SourceError, cannot_read, reason_of
 from oppload_cli.files.reading import is_file
 from oppload_cli.video.declared import video_streams
 from oppload_cli.video.frames import USUAL_BITS, check_pixels, max_pixels
+from oppload_cli.video.inputs import is_address
 from oppload_cli.video.integrity import CUT, fault_of
 
 if TYPE_CHECKING:
@@ -33,14 +34,9 @@ _RTP_ADVICE = (
 _PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
 
-def is_remote(name: str) -> bool:
-    """Return whether a name is the address of a stream."""
-    return "://" in name
-
-
 def is_read_once(name: str) -> bool:
     """Return whether an input cannot be read again, such as a stream or a pipe."""
-    return is_remote(name) or not is_file(name)
+    return is_address(name) or not is_file(name)
 
 
 def open_container(name: str, read_timeout_s: float) -> InputContainer:
@@ -48,7 +44,7 @@ def open_container(name: str, read_timeout_s: float) -> InputContainer:
 
     Raises SourceError if there is no such file, or FFmpeg cannot read it as a video.
     """
-    remote = is_remote(name)
+    remote = is_address(name)
     if not remote:
         _check_file(name)
     most_pixels = decoder_limit()  # outside `try`: a wrong setting is no fault of the file
@@ -112,7 +108,7 @@ def video_stream(name: str, container: InputContainer) -> VideoStream:
 
     Raises SourceError if there is none, its codec is unknown, or it declares too many pixels.
     """
-    if not is_remote(name) and container.format.name in _PLAYLISTS:
+    if not is_address(name) and container.format.name in _PLAYLISTS:
         raise SourceError(f"{name}: only names other files; give those files instead")
     streams = video_streams(container)
     if not streams:

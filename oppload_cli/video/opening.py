@@ -28,7 +28,8 @@ from oppload_cli.processes import cores, signals
 from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
 from oppload_cli.processes.threads import Call
 from oppload_cli.video.frames import DecodeFacts, Picture, PictureSource, WorkingSize
-from oppload_cli.video.inputs import Span, is_camera, is_image_file
+from oppload_cli.video.inputs import is_camera, is_image_file
+from oppload_cli.video.span import Span
 
 if sys.platform != "win32":
     import resource

@@ -20,8 +20,9 @@ from oppload_cli.video.frames import (
     no_true_rate,
     sizes_in_words,
 )
-from oppload_cli.video.inputs import NUMBER, Span, checked_rate, is_camera, is_image_file
+from oppload_cli.video.inputs import NUMBER, checked_rate, is_camera, is_image_file
 from oppload_cli.video.luminance import Luminance
+from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

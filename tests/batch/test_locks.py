@@ -14,7 +14,7 @@ from oppload_cli.files.atomic import PartFile
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import IfExists, Outputs, Task
-from oppload_cli.video.inputs import Span
+from oppload_cli.video.span import Span
 from tests.media import grey_frames, write_video
 
 fcntl = pytest.importorskip("fcntl", reason="NOT TESTED: no such locks on this system")

@@ -37,7 +37,8 @@ from oppload_cli.pipeline.one_pass import DetectorPass, _in_source
 from oppload_cli.pipeline.sources import ArrayLuminance, StimulusVideo, open_source
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import InputFacts, WorkingSize
-from oppload_cli.video.inputs import Span, checked_rate, parse_position
+from oppload_cli.video.inputs import checked_rate
+from oppload_cli.video.span import Span, parse_position
 from tests.detection.showing import approaching
 from tests.media import disk, looming, texture, write_video
 from tests.presets import DEFAULT, REFERENCE

@@ -25,7 +25,7 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import open_source
 from oppload_cli.pipeline.task import Interrupted, Outputs, Task
 from oppload_cli.video.frames import DecodeFacts, Frame, FrameTimes, InputFacts, WorkingSize
-from oppload_cli.video.inputs import Position, Span
+from oppload_cli.video.span import Position, Span
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:

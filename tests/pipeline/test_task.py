@@ -17,7 +17,7 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import IfExists, Outcome, Outputs, Task, Writing, exists_already
 from oppload_cli.results.alarms import verdicts_in
 from oppload_cli.results.table import DetectionsFile
-from oppload_cli.video.inputs import Span, parse_position
+from oppload_cli.video.span import Span, parse_position
 from tests.media import grey_frames, write_video
 
 PLACES = ["opplod", "dlgmd"]

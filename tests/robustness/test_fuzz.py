@@ -16,7 +16,8 @@ from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.results.reading import read_result
-from oppload_cli.video.inputs import each_once, parse_position, result_stem
+from oppload_cli.video.inputs import each_once, result_stem
+from oppload_cli.video.span import parse_position
 
 BOUNDED = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SCALARS = st.one_of(

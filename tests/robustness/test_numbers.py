@@ -21,10 +21,10 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import Outputs, Task
 from oppload_cli.stimulus import ground_truth, load_all
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture, WorkingSize
-from oppload_cli.video.inputs import Span, parse_position
 from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.optics import Optics
 from oppload_cli.video.source import open_video
+from oppload_cli.video.span import Span, parse_position
 from tests.cli import inside
 from tests.cli.process import in_turn
 from tests.media import grey_frames, looming, write_video

@@ -19,9 +19,9 @@ from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import MAX_PIXELS
-from oppload_cli.video.inputs import Position, Span, parse_position
 from oppload_cli.video.integrity import FURTHER
 from oppload_cli.video.source import open_video
+from oppload_cli.video.span import Position, Span, parse_position
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:

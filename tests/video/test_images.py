@@ -20,9 +20,9 @@ from PIL import Image
 from oppload_cli.errors import SourceError
 from oppload_cli.video import images
 from oppload_cli.video.images import CameraSource
-from oppload_cli.video.inputs import Span
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.source import Video, open_video
+from oppload_cli.video.span import Span
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 

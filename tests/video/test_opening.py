@@ -23,8 +23,8 @@ from oppload_cli import open_video
 from oppload_cli.errors import SourceError
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.video import opening
-from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.opening import Opening
+from oppload_cli.video.span import Position, Span
 from tests.cli.process import in_turn, python, start, wait_for_rows
 from tests.media import grey_frames, write_film, write_video
 from tests.robustness.inputs import KINDS, make
@@ -235,7 +235,7 @@ def test_it_ends_with_the_process_that_started_it(made: dict[str, Path]) -> None
     path = made["many.mp4"]
     code = (
         "import os, signal, sys; from fractions import Fraction\n"
-        "from oppload_cli.video.opening import Opening; from oppload_cli.video.inputs import Span\n"
+        "from oppload_cli.video.opening import Opening; from oppload_cli.video.span import Span\n"
         "o = Opening(sys.argv[1], height=24, span=Span(), image_rate=Fraction(30),"
         " own_process=True)\n"
         "o.result()\n"

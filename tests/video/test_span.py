@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.video.inputs import Position, Span, parse_position
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.source import open_video
+from oppload_cli.video.span import Position, Span, parse_position
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:

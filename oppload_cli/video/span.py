@@ -1,0 +1,155 @@
+"""The part of an input that ``--start``, ``--end`` and ``--duration`` choose."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.schema import is_integer
+from oppload_cli.video.frames import FrameTimes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from oppload_cli.video.frames import Picture, PictureSource
+
+_CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
+
+
+@dataclass(frozen=True)
+class Position:
+    """A position in an input: the number of a frame, or a presentation time.
+
+    Raises
+    ------
+    ParameterError
+        If both `frame` and `seconds` are given, or neither, or if the frame is not a whole number
+        of at least 0, or the time is not a finite number of at least 0.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.Position(frame=30).seconds is None
+    True
+    """
+
+    frame: int | None = None
+    seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        frame: Any = self.frame  # a caller may give a text, in spite of the type
+        seconds: Any = self.seconds
+        if (frame is None) == (seconds is None):
+            raise ParameterError("a position is a frame or a number of seconds; give one of them")
+        if frame is not None and not is_integer(frame, 0):
+            raise ParameterError(
+                f"the frame of a position must be a whole number of at least 0, not {frame!r}"
+            )
+        if seconds is not None and not (
+            isinstance(seconds, Real) and 0 <= float(seconds) < math.inf
+        ):
+            raise ParameterError(
+                f"the seconds of a position must be a finite number of at least 0, not {seconds!r}"
+            )
+
+    def reached(self, frame: int, seconds: float) -> bool:
+        """Return whether a frame, given by its number and time, is at or after this position."""
+        if self.frame is not None:
+            return frame >= self.frame
+        return self.seconds is not None and seconds >= self.seconds - 1e-9
+
+    def after(self, frame: int, seconds: float) -> Position:
+        """Return the position that comes this many frames or seconds after a given frame."""
+        if self.frame is not None:
+            return Position(frame=frame + self.frame)
+        return Position(seconds=seconds + (self.seconds or 0.0))
+
+
+@dataclass(frozen=True)
+class Span:
+    """The part of an input that begins at `start` and ends before `end`, or after `duration`.
+
+    Raises
+    ------
+    ParameterError
+        If both an end and a duration are given, or a value is no `Position`.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> second = oppload.Span(oppload.Position(seconds=1), duration=oppload.Position(seconds=1))
+    >>> second.start.seconds
+    1
+    """
+
+    start: Position | None = None
+    end: Position | None = None
+    duration: Position | None = None
+
+    def __post_init__(self) -> None:
+        if self.end and self.duration:
+            raise ParameterError("end and duration exclude each other; give one of them")
+        given: tuple[object, ...] = self.start, self.end, self.duration
+        for each in given:
+            if not isinstance(each, Position | None):
+                raise ParameterError(
+                    f"a span has positions, such as Position(seconds=1.5), not {each!r}"
+                )
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether the input is read to its end."""
+        return self.end is None and self.duration is None
+
+    def within(self, source: PictureSource) -> Iterator[Picture]:
+        """Yield the pictures in this part; decode and drop those before it.
+
+        Positions are compared with the corrected times of :class:`FrameTimes`. If this part has a
+        start, its pictures also get these times, which they would have in the complete input. If
+        this part reaches the end of the input, it calls `finish` of the source.
+        """
+        times = FrameTimes(source.facts.frame_rate)
+        start, end = self.start, self.end
+        before_s = 0.0
+        for picture in source.pictures():
+            if source.stopping:
+                return
+            wrong_before = times.wrong
+            time_s = times.step(picture.time_s)
+            position = (picture.index, time_s)
+            if start is not None:
+                if not start.reached(*position):
+                    continue
+                start = None  # it is reached
+            elif times.wrong > wrong_before:
+                time_s = before_s  # not later than before: so the caller corrects and counts it
+            if end is None and self.duration is not None:
+                end = self.duration.after(*position)
+            if end is not None and end.reached(*position):
+                return
+            before_s = time_s
+            yield picture if self.start is None else replace(picture, time_s=time_s)
+        source.finish()
+
+
+def parse_position(text: str) -> Position:
+    """Return the position that a text means: seconds, a frame such as ``f300``, or ``00:01:02.5``.
+
+    Raises ParameterError for any other text.
+    """
+    if re.fullmatch(r"f[0-9]{1,18}", text):
+        return Position(frame=int(text[1:]))
+    clock = _CLOCK.fullmatch(text)
+    if clock:
+        hours, minutes, seconds = clock.groups(default="0")
+        return Position(seconds=int(hours) * 3600 + int(minutes) * 60 + float(seconds))
+    try:
+        return Position(seconds=float(text))
+    except ValueError as error:  # ParameterError is one too
+        raise ParameterError(
+            f"'{text}' is no position; write seconds (12.5), a frame (f300) or a clock (00:01:02.5)"
+        ) from error
