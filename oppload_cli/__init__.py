@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from oppload_cli.plots.places import plot_places
     from oppload_cli.plots.rmo import plot_rmo
     from oppload_cli.plots.tuning import plot_tuning
-    from oppload_cli.results.reading import Tuning, read_tuning
     from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.tuning import Tuning, read_tuning
     from oppload_cli.schema import Parameters, parameter
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video, open_video
@@ -83,12 +83,12 @@ _MODULES = {
     "plots.places": ("plot_places",),
     "plots.rmo": ("plot_rmo",),
     "plots.tuning": ("plot_tuning",),
-    "results.reading": ("Tuning", "read_tuning"),
     "results.table": ("FrameRecord",),
+    "results.tuning": ("Tuning", "read_tuning"),
     "schema": ("Parameters", "parameter"),
     "video.frames": ("Frame",),
-    "video.span": ("Position", "Span"),
     "video.source": ("Video", "open_video"),
+    "video.span": ("Position", "Span"),
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 

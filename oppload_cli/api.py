@@ -27,6 +27,7 @@ from oppload_cli.report.writing import write_report
 from oppload_cli.results import reading
 from oppload_cli.results.table import TABLE, detection_line, detection_values, write_sidecar
 from oppload_cli.results.truths import facts_of_truth, usable_truth
+from oppload_cli.results.tuning import tuning_of
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
 from oppload_cli.tuning import run as tuning
@@ -42,8 +43,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from oppload_cli.pipeline.sources import Source, Times
-    from oppload_cli.results.reading import Tuning
     from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.tuning import Tuning
 
 
 _DETECTION_COLUMNS = (
@@ -424,7 +425,7 @@ def tune(
     text = StringIO(tuning.tuning_text(conditions))
     rows = pd.read_csv(text, keep_default_na=False, na_values=[""])
     path = Path(f"{file_stem(sweep.entry.name)}.tuning.csv")
-    measured = reading.tuning_of(path, rows, sidecar)
+    measured = tuning_of(path, rows, sidecar)
     sidecar["summary"] = summary_of(measured)
     return measured
 

@@ -23,8 +23,9 @@ from oppload_cli.evaluation.manifest import Manifest, read_manifest
 from oppload_cli.files.atomic import PART
 from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
-from oppload_cli.results.reading import BaseResult, find_video, is_tuning, read_result
+from oppload_cli.results.reading import BaseResult, find_video, read_result
 from oppload_cli.results.truths import truth_fault
+from oppload_cli.results.tuning import is_tuning
 from oppload_cli.video.span import parse_position
 
 if TYPE_CHECKING:

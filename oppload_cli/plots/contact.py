@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from oppload_cli.results.reading import Series, Tuning
+    from oppload_cli.results.reading import Series
+    from oppload_cli.results.tuning import Tuning
 
 
 class PeakTimes(NamedTuple):

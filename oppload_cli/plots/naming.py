@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError, counted
 from oppload_cli.plots.style import as_names, escaped
-from oppload_cli.results.reading import BaseResult, Tuning
+from oppload_cli.results.tuning import Tuning
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+
+    from oppload_cli.results.reading import BaseResult
 
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-    from oppload_cli.results.reading import Series, Tuning
+    from oppload_cli.results.reading import Series
+    from oppload_cli.results.tuning import Tuning
 
 _TURN = 2 * np.pi
 _POLAR = {"projection": "polar"}

@@ -26,7 +26,7 @@ from oppload_cli import palette
 from oppload_cli.errors import ParameterError, printable
 from oppload_cli.files.atomic import write_atomic
 from oppload_cli.models.registry import detector_named, known_names
-from oppload_cli.results.reading import Tuning
+from oppload_cli.results.tuning import Tuning
 
 if TYPE_CHECKING:
     from pathlib import Path

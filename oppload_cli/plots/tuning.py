@@ -25,7 +25,7 @@ from oppload_cli.plots.tuning_curves import (
     first_stimulus,
 )
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import Tuning
+from oppload_cli.results.tuning import Tuning
 from oppload_cli.stimulus.catalogue import in_toml
 
 if TYPE_CHECKING:

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from oppload_cli.models.detector import Detector
-    from oppload_cli.results.reading import Series, Tuning
+    from oppload_cli.results.reading import Series
+    from oppload_cli.results.tuning import Tuning
 
 
 _SEED = "seed"  # a sweep over it repeats a stimulus with other random numbers

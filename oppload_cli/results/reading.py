@@ -1,9 +1,8 @@
-"""Reads results and tuning tables; finds the video and the thresholds of a result."""
+"""Reads results, and finds the video and the thresholds of a result."""
 
 from __future__ import annotations
 
 import json
-import os.path
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,20 +13,17 @@ import pandas as pd
 from oppload_cli.detection.alarm import Alarm, AlarmParams, alarm_params
 from oppload_cli.errors import (
     OpploadError,
-    OutputError,
-    ParameterError,
     ResultError,
     SourceError,
     counted,
 )
-from oppload_cli.files.atomic import PART, part_of, write_atomic
-from oppload_cli.files.reading import is_file, is_folder, is_there, path_of, reading, text_of
+from oppload_cli.files.atomic import PART, part_of
+from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import default_names, detector_named, known_names
 from oppload_cli.results.cells import (
     ANOTHER_RESULT,
     LARGEST,
-    check_filled,
     check_frames,
     check_numbers,
     need_columns,
@@ -39,12 +35,11 @@ from oppload_cli.results.table import (
     SIDECAR,
     TABLE,
     columns_for,
-    write_sidecar,
 )
 from oppload_cli.video.inputs import NUMBER, is_camera
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -52,8 +47,6 @@ if TYPE_CHECKING:
 
 
 _SUFFIXES = (f"{TABLE}{PART}", TABLE, ".csv")
-_DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
-_ANOTHER_TUNING = "give a table of 'oppload tune'"
 # The types of parts of a sidecar; a part of another type, as in a damaged file, is left out.
 _TYPES: dict[str, type] = {
     **dict.fromkeys(("input", "working", "decode", "tool", "parameters", "alarms"), dict),
@@ -128,114 +121,6 @@ class BaseResult:
                 )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Tuning:
-    """One tuning table, from :func:`tune` or :func:`read_tuning`.
-
-    Attributes
-    ----------
-    path : Path
-        The CSV file; only a file name if the table was not read from files.
-    rows : DataFrame
-        A row per condition and detector.
-    parameters : tuple of str
-        The swept parameters: the columns between ``stimulus`` and ``model``.
-    sidecar : dict
-        The content of the sidecar; empty if there is none. `summary` in it has the numbers of each
-        curve, and `doubts` the reasons why curves mean little.
-
-    Examples
-    --------
-    >>> import oppload_cli as oppload
-    >>> oppload.Tuning.symmetric.__doc__
-    'Whether half a turn gives the same stimulus; the sidecar says so.'
-    """
-
-    path: Path
-    rows: pd.DataFrame
-    parameters: tuple[str, ...]
-    sidecar: dict[str, Any] = field(default_factory=dict)
-
-    def __repr__(self) -> str:
-        rows, swept = counted(len(self.rows), "row"), ", ".join(self.parameters)
-        parts = [repr(self.path.name), f"{rows} over {swept}: {', '.join(self.models)}"]
-        if doubts := self.sidecar.get("doubts"):
-            parts.append(f"{counted(len(doubts), 'doubt')}: see sidecar['doubts']")
-        return f"Tuning({', '.join(parts)})"
-
-    @property
-    def models(self) -> tuple[str, ...]:
-        """The detectors in the table, in the order of the registry."""
-        models = set(self.rows["model"])
-        return tuple(name for name in known_names() if name in models)
-
-    @property
-    def name(self) -> str:
-        """The name of the stimulus, without the part that names the values of the sweep."""
-        first = str(self.rows["stimulus"].iloc[0])
-        return str(self.sidecar.get("stimulus", {}).get("name") or first.rpartition("/")[0])
-
-    @property
-    def direction(self) -> str | None:
-        """The first swept parameter that is an axis or a direction, if there is one."""
-        return direction_of(self.parameters)
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether half a turn gives the same stimulus; the sidecar says so."""
-        return self.sidecar.get("stimulus", {}).get("symmetric") is True
-
-    def of(self, model: str) -> pd.DataFrame:
-        """Return the rows of one detector, in their order, without those that have no peak.
-
-        A stimulus that ends during the warm-up of the detector has no peak.
-        """
-        chosen = (self.rows["model"] == model) & self.rows["peak"].notna()
-        return self.rows[chosen].reset_index(drop=True)
-
-    def save(self, folder: str | Path = ".", *, if_exists: str = "error") -> Path:
-        """Write the table and its sidecar, as ``oppload tune`` does.
-
-        Parameters
-        ----------
-        folder : str or Path
-            Folder of the files, made if it does not exist.
-        if_exists : str
-            ``error`` or ``overwrite``.
-
-        Returns
-        -------
-        Path
-            The table, from which :func:`read_tuning` reads both files.
-
-        Raises
-        ------
-        OutputError
-            If a file exists already, or cannot be written.
-        ParameterError
-            If `if_exists` is another word.
-        """
-        if if_exists not in {"error", "overwrite"}:
-            raise ParameterError(f"if_exists must be error or overwrite, not {if_exists!r}")
-        table = path_of(folder, "folder") / self.path.name
-        sidecar = table.with_suffix(".json")
-        for path in (table, sidecar):
-            if if_exists == "error" and os.path.lexists(path):
-                raise OutputError(
-                    f"{path}: exists already; choose if_exists='overwrite', or another folder"
-                )
-        text = self.rows.to_csv(index=False, float_format="%.9g", lineterminator="\n")
-        write_atomic(table, text)
-        if self.sidecar:
-            write_sidecar(sidecar, self.sidecar)
-        return table
-
-
-def direction_of(parameters: Iterable[str]) -> str | None:
-    """Return the first dotted key that names an axis or a direction, such as ``bar.axis_deg``."""
-    return next((key for key in parameters if key.rpartition(".")[2] in _DIRECTIONS), None)
-
-
 def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
     """Read a result.
 
@@ -254,7 +139,7 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
     """
     ends = ("frame", "time_s", "_response", *needed)
     frames = read_table(path, ANOTHER_RESULT, lambda name: name.endswith(ends))
-    result = BaseResult(path, frames, _sidecar(beside(path)))
+    result = BaseResult(path, frames, sidecar_of(beside(path)))
     result.need(("frame", "time_s"))
     if not result.models:
         _alarm_params(result)  # raises an error that names an unknown detector
@@ -312,7 +197,7 @@ def title_and_input(table: Path) -> tuple[str, str]:
     The function reads only the sidecar. It raises no error.
     """
     try:
-        sidecar = _sidecar(beside(table))
+        sidecar = sidecar_of(beside(table))
     except ResultError:  # the error comes again when the result is read
         sidecar = {}
     result = BaseResult(table, pd.DataFrame(), sidecar)
@@ -330,21 +215,15 @@ def beside(table: Path, suffix: str = SIDECAR) -> Path:
     return table.with_name(stem_of(table) + suffix)
 
 
-def is_tuning(path: Path) -> bool:
-    """Tell whether a CSV file has the header of a tuning table; False if it cannot be read."""
-    header = _header(path)
-    return header[:1] == ["stimulus"] and "model" in header
-
-
 def is_collected(path: Path) -> bool:
     """Tell whether a CSV file has the header of a table of several results, as of ``collect``.
 
     False if it cannot be read.
     """
-    return _header(path)[:1] == ["result"]
+    return header_of(path)[:1] == ["result"]
 
 
-def _header(path: Path) -> list[str]:
+def header_of(path: Path) -> list[str]:
     """Return the names of the columns of a CSV file; none if it cannot be read.
 
     A pipe has none: what is read of it here would be missing later.
@@ -358,52 +237,11 @@ def _header(path: Path) -> list[str]:
         return []
 
 
-def read_tuning(path: str | Path) -> Tuning:
-    """Read a ``.tuning.csv``.
+def sidecar_of(path: Path) -> dict[str, Any]:
+    """Return the content of a sidecar without the parts of a wrong type; empty if there is none.
 
-    Parameters
-    ----------
-    path : str or Path
-        The table; its sidecar is beside it.
-
-    Raises
-    ------
-    ResultError
-        If the table cannot be read, a column is missing, a cell is not a number or a detector has
-        no peak.
-
-    Examples
-    --------
-    >>> import oppload_cli as oppload
-    >>> oppload.read_tuning("missing.tuning.csv")  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ...
-    oppload_cli.errors.ResultError: missing.tuning.csv: cannot be read (no such file...
+    Raises ResultError if it cannot be read.
     """
-    path = path_of(path, "path")
-    return tuning_of(path, read_table(path, _ANOTHER_TUNING), _sidecar(path.with_suffix(".json")))
-
-
-def tuning_of(path: Path, rows: pd.DataFrame, sidecar: dict[str, Any]) -> Tuning:
-    """Return a tuning table after a check; the errors are those of :func:`read_tuning`."""
-    need_columns(path, rows, ("stimulus", "model", "peak"), _ANOTHER_TUNING)
-    names = list(rows.columns)
-    parameters = tuple(names[1 : names.index("model")])
-    if not parameters:
-        raise ResultError(
-            f"{path}: has no column of a swept parameter before 'model'; {_ANOTHER_TUNING}"
-        )
-    unknown = sorted(set(map(str, rows["model"])) - set(known_names()))
-    if unknown:
-        raise _unknown_detector(path, unknown[0])
-    peaks = check_numbers(path, rows, "peak")
-    if set(rows["model"]) - set(rows["model"][~np.isnan(peaks)]):  # a detector without any peak
-        advice = "make the stimulus longer than the warm-up of the detector"
-        check_filled(path, "peak", peaks, advice)
-    return Tuning(path, rows, parameters, sidecar)
-
-
-def _sidecar(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(text_of(path))
     except FileNotFoundError:
@@ -550,10 +388,11 @@ def check_detectors(path: Path, sidecar: Mapping[str, Any]) -> None:
     models = sidecar.get("models")
     for name in models if isinstance(models, list) else ():
         if name not in known_names():
-            raise _unknown_detector(path, name)
+            raise unknown_detector(path, name)
 
 
-def _unknown_detector(path: Path, name: str) -> ResultError:
+def unknown_detector(path: Path, name: str) -> ResultError:
+    """Return the error of a result of a detector that the registry does not know."""
     return ResultError(
         f"{path}: its detector '{name}' is not known here; load it, as in "
         "'oppload --load FILE.py ...', or register its class"

@@ -22,7 +22,7 @@ from oppload_cli.models.registry import (
 )
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
-from oppload_cli.results.reading import direction_of
+from oppload_cli.results.tuning import direction_of
 from oppload_cli.schema import parsed_fraction
 from oppload_cli.stimulus.kinematics import ROUNDING_S
 from oppload_cli.stimulus.renderer import Renderer

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, StimulusError, faults_at, suggestion
 from oppload_cli.pipeline.settings import Settings, check_assignments, resolve
-from oppload_cli.results.reading import direction_of
+from oppload_cli.results.tuning import direction_of
 from oppload_cli.stimulus.catalogue import Entry, find
 from oppload_cli.stimulus.tables import key_of, value_at
 

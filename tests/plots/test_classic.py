@@ -19,7 +19,7 @@ from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.style import INK
 from oppload_cli.plots.tuning import lines_of, plot_tuning, summary_of
 from oppload_cli.reference import angular_thresholds
-from oppload_cli.results.reading import read_tuning
+from oppload_cli.results.tuning import read_tuning
 from tests.results.make import write_tuning
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import Tuning
+    from oppload_cli.results.tuning import Tuning
 
 
 def y_of(line: Line2D) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ from oppload_cli.plots.style import CYCLE, FAINT, GREY, MARKERS, MOST_HEIGHT, lo
 from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.plots.tuning_curves import Request, described
 from oppload_cli.reference import bar_tuning, lplc2_peaks
-from oppload_cli.results.reading import is_tuning, read_tuning
+from oppload_cli.results.tuning import is_tuning, read_tuning
 from oppload_cli.stimulus.catalogue import find
 from tests.results.make import write_tuning
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import Tuning
+    from oppload_cli.results.tuning import Tuning
 
 AXES = {"bar.axis_deg": [0.0, 45, 90, 135]}
 PEAKS = {"opplod": [1.0, 4, 1, 4], "dlgmd": [0.0, 0, 0, 0]}
