@@ -99,7 +99,10 @@ class _LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, suggesting the nearest one for a misspelt name."""
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
-            raise click.UsageError(f"no command '{args[0]}'{suggestion(args[0], COMMANDS)}", ctx)
+            hint = suggestion(args[0], COMMANDS)
+            if is_file(args[0]):
+                hint = f"; did you mean 'oppload run {args[0]}'?"
+            raise click.UsageError(f"no command '{args[0]}'{hint}", ctx)
         return super().resolve_command(ctx, args)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:

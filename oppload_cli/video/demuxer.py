@@ -30,6 +30,7 @@ _RTP_ADVICE = (
     "try ffmpeg -protocol_whitelist file,rtp,udp -i FILE.sdp -c copy -f matroska - | "
     "oppload run /dev/stdin"
 )
+_TABLE_ADVICE = "'oppload plot' draws a result, and --files-from takes a list of inputs"
 # These formats list other files; oppload opens only the file that the user named.
 _PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
@@ -67,6 +68,8 @@ def open_container(name: str, read_timeout_s: float) -> InputContainer:
             reason = "it lacks the index of an MP4, as after an unfinished recording or copy"
         elif "SDP file" in log or "'rtp' not on whitelist" in log:
             reason, advice = "RTP needs an SDP file and a pipe", _RTP_ADVICE
+        elif Path(name).suffix.lower() == ".csv" and not remote:
+            reason, advice = "it is a table", _TABLE_ADVICE
         raise SourceError(f"{name}: not a video that can be read ({reason}); {advice}") from error
 
 

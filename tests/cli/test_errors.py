@@ -113,6 +113,7 @@ WRONG = [
     (["evaluate", "a.csv", "--model", "opplod, dlgdm"], 2, "no model 'dlgdm';"),
     (["run", "CLIP", "--null"], 2, "--null has no effect without --files-from"),
     (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
+    (["text.mp4"], 2, "no command 'text.mp4'; did you mean 'oppload run text.mp4'?"),
     (["plot", "missing.csv"], 2, "missing.csv: cannot be read"),
     (["plot", "file"], 2, "file: has no column 'frame'; give a frames.csv of 'oppload run'"),
     (["plot", "other.csv"], 2, "has no column 'frame'"),

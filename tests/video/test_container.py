@@ -670,6 +670,7 @@ def test_a_picture_of_many_bits_counts_as_more_pixels(
             "is a pointer of Git LFS",
         ),
         ("a.mp4", b"this is a shopping list\n" * 50, "not a video that can be read"),
+        ("a.CSV", b"frame,time_s\n0,0\n", "it is a table.; 'oppload plot' draws a result"),
         ("a.NPZ", b"PK\x03\x04", "holds arrays, not a video; load its frames in Python, and give"),
     ],
 )
