@@ -36,6 +36,42 @@ def test_links_between_pages_lead_somewhere() -> None:
             assert not heading or heading in _anchors(target), f"{page.name} -> {name}#{heading}"
 
 
+def test_every_cited_paper_is_on_the_page_of_references() -> None:
+    page, package = DOCS / "references.md", DOCS.parent / "oppload_cli"
+    entries = re.findall(r"^- \*\*(.+) (\d{4})\*\*: ", page.read_text("utf-8"), re.MULTILINE)
+    known = {(re.findall(r"[A-Z]\w+", names)[0], year) for names, year in entries}
+    assert len(known) == len(entries)
+    name, year = r"([A-Z][a-z]\w*)", r"((?:19|20)\d\d)"
+    others = r"(?: [A-Z]\.)?(?: et al\.|(?:, [A-Z]\w+)*\s+and [A-Z]\w+)"
+    forms = (
+        rf"{name}{others},?\s\(?{year}\b",
+        rf"\({name},? {year}[,)]",
+        rf"(?<!and )\b{name} \({year}, ",
+    )
+    cited = set()
+    for path in [*_pages(), *package.rglob("*.*")]:
+        if path.suffix in {".md", ".py", ".csv", ".toml"} and path != page:
+            text = path.read_text("utf-8")
+            cited |= {pair for form in forms for pair in re.findall(form, text)}
+    assert len(cited) > 20
+    assert cited - known == set()
+    assert known - cited == {("Fu", "2023"), ("Fu", "2026")}  # programs, named by their files
+
+
+def test_the_citation_file_names_papers_as_the_references_do() -> None:
+    references = (DOCS / "references.md").read_text("utf-8")
+    _, *papers = (DOCS.parent / "CITATION.cff").read_text("utf-8").split("- type: article")
+    assert len(papers) == 3
+    for paper in papers:
+        [doi] = re.findall(r"doi: (\S+)", paper)
+        [line] = [line for line in references.splitlines() if f"](https://doi.org/{doi})" in line]
+        names, year = re.findall(r"^- \*\*(.+) (\d{4})\*\*: ", line)[0]
+        assert re.split(", | and ", names) == re.findall(r"family-names: (.+?),", paper)
+        assert f"year: {year}" in paper
+        [title] = re.findall(r'title: "(.+)"', paper)
+        assert f"*{title}*" in line
+
+
 def test_every_page_has_its_place_in_the_site() -> None:
     listed = {DOCS / "index.md"}
     for page in _pages():

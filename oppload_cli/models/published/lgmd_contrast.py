@@ -1,4 +1,4 @@
-"""LGMD with contrast vision beside motion vision (Fu and Li 2022)."""
+"""LGMD with contrast vision beside motion vision (Fu et al. 2022)."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class LgmdContrastResponse(Response):
 
 
 class LgmdContrast(ChangeDetector):
-    """The LGMD of Fu and Li 2022: each change is normalised by the changes around it.
+    """The LGMD of Fu et al. 2022: each change is normalised by the changes around it.
 
     ``M = tanh(x / (g * x + 3))``, where x is the brightening or the darkening and g a Gaussian of 9
     x 9 px with sigma 5. ``S = max(M - 0.4 I - C, 0)``, where I is the spread M of the frame before,
@@ -60,7 +60,7 @@ class LgmdContrast(ChangeDetector):
     The response hardly depends on contrast; a flash of the complete frame gives the largest
     response. No rule for spikes was published.
 
-    Source: Fu and Li 2022; ``docs/detectors.md``.
+    Source: Fu et al. 2022; ``docs/detectors.md``.
     """
 
     name = "lgmd_contrast"
@@ -72,7 +72,7 @@ class LgmdContrast(ChangeDetector):
     parameters = LgmdContrastParams
     alarm_floors: ClassVar = {"default": 0.27}
     year = 2022
-    reference = "Fu and Li, harmonizing motion and contrast vision"
+    reference = "Fu, Li and Peng, Array"
     answers_to = "changes over areas, at any contrast; also flashes"
     made_for = "any size and rate"
     cost_ms = 0.9
