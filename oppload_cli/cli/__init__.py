@@ -81,6 +81,18 @@ class _LazyGroup(click.Group):
         except BrokenPipeError as error:
             raise _ReaderGoneError from error
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the options before the command, where many write those of the command."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            name, others = error.option_name, error.possibilities
+            message = (
+                f"no option '{name}' before the command; "
+                "write the options of a command after its name."
+            )
+            raise click.NoSuchOption(name, message, others, ctx) from error
+
     def list_commands(self, _ctx: click.Context) -> list[str]:
         """Return the names of all commands, for the page of the site that lists them."""
         return list(COMMANDS)

@@ -112,6 +112,7 @@ WRONG = [
     (["benchmark", "--only", " nonsense"], 2, "no table 'nonsense'; choose from"),
     (["evaluate", "a.csv", "--model", "opplod, dlgdm"], 2, "no model 'dlgdm';"),
     (["run", "CLIP", "--null"], 2, "--null has no effect without --files-from"),
+    (["--preset", "paper", "run", "CLIP"], 2, "no option '--preset' before the command; write"),
     (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
     (["text.mp4"], 2, "no command 'text.mp4'; did you mean 'oppload run text.mp4'?"),
     (["plot", "missing.csv"], 2, "missing.csv: cannot be read"),
