@@ -6,6 +6,7 @@ The command imports this module after it has begun to decode the video.
 from __future__ import annotations
 
 import os
+import re
 import sys
 import time
 from dataclasses import replace
@@ -338,6 +339,19 @@ def _streamed_input(inputs: tuple[str, ...], options: RunOptions) -> str:
     return inputs[0]
 
 
+def _shard_of_lists(options: RunOptions) -> str:
+    """Return how the names of the lists of a shard end, such as ``-3-of-8``; else an empty text.
+
+    A retry of the failures of a shard brings the lists of this shard up to date.
+    """
+    if options.shard:
+        return f"-{options.shard.replace('/', '-of-')}"
+    listed = Path(options.files_from or "")
+    of_shard = re.fullmatch(r"failures(-\d+-of-\d+)\.csv", listed.name)
+    in_folder = listed.parent.resolve() == options.output.resolve()
+    return of_shard[1] if of_shard and in_folder else ""
+
+
 class _Batch:
     """Runs the inputs of a plan, and prints their outcomes; the observer of the tasks.
 
@@ -346,7 +360,7 @@ class _Batch:
 
     def __init__(self, plan: Plan, models: Sequence[str], options: RunOptions) -> None:
         self._plan, self._options, self._verbosity = plan, options, options.verbosity
-        part = f"-{options.shard.replace('/', '-of-')}" if options.shard else ""
+        part = _shard_of_lists(options)
         self._failures = options.output / f"failures{part}.csv"
         self._alarms = options.output / f"alarms{part}.csv"
         if options.if_exists != IfExists.OVERWRITE:

@@ -140,6 +140,24 @@ def test_failures_spare_the_others_and_are_tried_again(clips: Path, tmp_path: Pa
     assert not (out / "failures.csv").exists()
 
 
+@pytest.mark.long
+def test_a_retry_of_the_failures_of_a_shard_brings_the_lists_of_the_shard_up_to_date(
+    clips: Path, tmp_path: Path
+) -> None:
+    bad, out = tmp_path / "bad.mp4", tmp_path / "out"
+    bad.write_text("not a video\n" * 100)
+    named = ("run", bad, clips / "clip[01].avi", "-o", out, "--shard", "1/2", "-j", "1", *FAST)
+    again = words_of(oppload(*named).stderr.splitlines()[-1])[1:]
+    lists = [out / "alarms-1-of-2.csv", out / "failures-1-of-2.csv"]
+    assert [path.exists() for path in lists] == [True, True]
+    bad.write_bytes((clips / "clip2.avi").read_bytes())
+    assert oppload(*again, "-o", tmp_path / "x").returncode == 0
+    assert (tmp_path / "x" / "alarms.csv").exists()  # these results belong to no shard
+    assert oppload(*again).returncode == 0
+    assert [path.exists() for path in lists] == [True, False]
+    assert not (out / "alarms.csv").exists()
+
+
 def test_a_list_that_cannot_be_written_is_no_success(clips: Path, tmp_path: Path) -> None:
     for name in ("alarms.csv", "failures.csv"):
         (tmp_path / name).mkdir()
