@@ -112,8 +112,17 @@ def test_frames_of_an_open_source_can_be_run_again_except_those_of_a_video(tmp_p
     assert second.sidecar["decode"]["decoded"] == len(FRAMES)
     with oppload.open_video(write_video(tmp_path / "a.avi", FRAMES)) as video:
         oppload.run(video, **options)
-        with pytest.raises(SourceError, match=r"a\.avi: has no frame left.*; open it again"):
+        with pytest.raises(SourceError, match=r"a\.avi: has no frame left, as .*; open it again$"):
             oppload.run(video, **options)
+
+
+def test_a_span_after_the_last_frame_leaves_no_frame(tmp_path: Path) -> None:
+    late = oppload.Span(start=oppload.Position(frame=90))
+    with (
+        oppload.open_video(write_video(tmp_path / "a.avi", FRAMES), span=late) as video,
+        pytest.raises(SourceError, match=r"a\.avi: has no frame left in its span; open"),
+    ):
+        oppload.run(video, models=["frame_difference"], rmo=False)
 
 
 def test_a_source_of_ones_own_needs_facts_a_size_and_frames() -> None:

@@ -308,8 +308,8 @@ class _Run:
             )
         if self.frames == 0 and self._decode.decoded:
             raise SourceError(
-                f"{self._task.name}: has no frame left, as an open video gives each frame of its "
-                "span once; open it again"
+                f"{self._task.name}: has no frame left in its span; open it again, or with another "
+                "span"
             )
 
     @property

@@ -117,6 +117,11 @@ class Prefetch(Generic[Item]):
             self._free_places.put(None)
         return item
 
+    @property
+    def used_up(self) -> bool:
+        """Whether the caller has had the last item, or the error that ended the items."""
+        return isinstance(self._end, StopIteration)
+
     def close(self, end: BaseException | None = None) -> bool:
         """Stop the thread and join it; return whether it has ended. May be called twice.
 

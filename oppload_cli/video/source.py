@@ -39,9 +39,9 @@ _DEVICE = re.compile("/dev/video([0-9]+)")  # of a camera on Linux, also at the 
 class Video:
     """An open input. A loop over it yields each :class:`Frame` at the working size, once.
 
-    It is a context manager. `close` ends the decoding thread. :func:`open_video` makes a `Video`
-    and explains its parameters. If `ahead` is True, a thread decodes pictures before the caller
-    asks for them.
+    A further loop raises a SourceError if the caller has had all frames. A `Video` is a context
+    manager. `close` ends the decoding thread. :func:`open_video` makes a `Video` and explains its
+    parameters. If `ahead` is True, a thread decodes pictures before the caller asks for them.
 
     Attributes
     ----------
@@ -108,6 +108,11 @@ class Video:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
+        if self._prefetch and self._prefetch.used_up:
+            raise SourceError(
+                f"{self.facts.name}: has no frame left, as an open video gives each frame once; "
+                "open it again"
+            )
         return self.begin()
 
     def begin(self) -> Iterator[Frame]:

@@ -716,4 +716,5 @@ def test_a_video_that_is_closed_in_the_middle_does_not_look_complete(tmp_path: P
             next(frames)
     with open_video(path) as video:
         assert len(list(video)) == 40
-    assert not list(video)  # nothing is missing
+    with pytest.raises(SourceError, match=r"a.avi: has no frame left.*; open it again"):
+        list(video)
