@@ -395,7 +395,7 @@ def tune(
 
     if (stimulus is None) == (figure is None):
         raise ParameterError("give a stimulus or a figure, one of the two")
-    if figure == "all":
+    if str(figure) == "all":
         raise ParameterError("figure must be one figure, such as 'peak-time', not 'all'")
     for name, value in (("over", over), ("changes", changes)):
         if not isinstance(value, Mapping | None):
@@ -474,7 +474,8 @@ def _wanted(
 
 def _text(value: object) -> str:
     """Return the value of a setting as the command line takes it."""
-    if isinstance(value, str) or not isinstance(value, Collection):
+    has_no_axis = getattr(value, "ndim", 1) == 0  # an array of one number, as np.load gives it
+    if isinstance(value, str) or not isinstance(value, Collection) or has_no_axis:
         return str(value)
     return json.dumps(list(value), default=lambda item: getattr(item, "tolist", item.__str__)())
 

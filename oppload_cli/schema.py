@@ -436,7 +436,7 @@ class Parameters(Table):
 
     @classmethod
     def _checked(cls, declared: Parameter, value: object) -> Any:
-        automatic = declared.optional and value == AUTO
+        automatic = declared.optional and isinstance(value, str) and value == AUTO
         return super()._checked(declared, None if automatic else value)
 
     def parsed(self, name: str, text: str) -> object:

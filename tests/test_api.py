@@ -495,7 +495,7 @@ def test_a_path_is_a_name_or_a_path(wrong: Any) -> None:
         result.save(stem=3)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("wrong", [None, [], {}, 3])
+@pytest.mark.parametrize("wrong", [None, [], {}, 3, np.array(["paper", "opplod"])])
 def test_a_name_that_is_no_text_is_an_unknown_name(wrong: Any) -> None:
     uses: list[tuple[Callable[[Any], object], str]] = [
         (oppload.parameters_of, "no model '"),
@@ -513,13 +513,51 @@ def test_a_name_that_is_no_text_is_an_unknown_name(wrong: Any) -> None:
     for use, said in uses:
         with pytest.raises((ParameterError, StimulusError), match=said):
             use(wrong)
+    with pytest.raises(ParameterError, match="the name of a detector must be a text, not "):
+        oppload.forget(wrong)
+
+
+@pytest.mark.parametrize("wrong", [["a", "b"], np.array(["a", "b"]), pd.Series([1.0, 2.0])])
+def test_a_value_of_another_type_is_refused_in_a_sentence(wrong: Any) -> None:
+    rows = pd.DataFrame({"stimulus": ["a/b"], "model": ["opplod"]})
+    tuning = oppload.Tuning(Path("a.tuning.csv"), rows, ())
+    result = oppload.Result(Path("a.frames.csv"), pd.DataFrame(), {})
+    protocol = oppload.stimulus.load("controls/size-steps")
+    uses: dict[str, Callable[[], object]] = {
+        "threads must be a whole": lambda: oppload.open_video("a.avi", threads=wrong),
+        "params must not be": lambda: oppload.Alarm("opplod", wrong),
+        "give a list, such as": lambda: oppload.DetectorBank((9, 9), oppload.DlgmdParams()),  # type: ignore[arg-type]
+        "'receptive_field' of opplod takes": lambda: oppload.OpplodParams(receptive_field=wrong),
+        "model must be the name": lambda: tuning.of(wrong),
+        "if_exists must be error or": lambda: tuning.save("a", if_exists=wrong),
+        "no such figure": lambda: oppload.tune(figure=wrong),
+        "title must be a text": lambda: oppload.plot_curves(result, title=wrong),
+        "title must be a text, not 3": lambda: oppload.plot_rmo(result, title=3),  # type: ignore[arg-type]
+        "title must be a text, not": lambda: oppload.plot_places(result, title=wrong),
+        "no scale": lambda: oppload.plot_curves(result, scale=wrong),
+        "cannot be aligned at": lambda: oppload.plot_curves(result, align=wrong),
+        "scale peak or raw": lambda: oppload.plot_tuning(tuning, scale=wrong),
+        "still must be luminance": lambda: oppload.plot_places(result, [[0.5]]),  # type: ignore[arg-type]
+        "has no frame": lambda: oppload.stimulus.frame_truth(protocol, [wrong]),  # type: ignore[arg-type]
+    }
+    for said, use in uses.items():
+        with pytest.raises((ParameterError, StimulusError), match=said):
+            use()
+
+
+def test_a_setting_may_be_an_array_of_one_number() -> None:
+    gain = np.array(0.5)  # as np.load gives it
+    result = oppload.run(np.zeros((3, 9, 9), np.uint8), rate=30, settings={"opplod.gain": gain})
+    assert result.sidecar["parameters"]["opplod"]["gain"] == 0.5
 
 
 def test_a_record_knows_the_detectors_that_ran() -> None:
     record = oppload.Analysis((60, 80), ["opplod"]).step(np.zeros((60, 80)), 0)
     assert record.over_threshold("opplod") is None  # warm-up
     wrong: Any
-    for wrong, hint in (("oplod", "did you mean"), ("dlgmd", "choose"), ([], "choose")):
+    names = np.array(["opplod", "dlgmd"])
+    others: list[Any] = ["dlgmd", [], names]
+    for wrong, hint in (("oplod", "did you mean"), *((each, "choose") for each in others)):
         with pytest.raises(ParameterError, match=f"has no response in .*; {hint} '?opplod"):
             record.over_threshold(wrong)
 

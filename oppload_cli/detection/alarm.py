@@ -277,7 +277,7 @@ class Alarm:
     Raises
     ------
     ParameterError
-        If no detector has that name.
+        If no detector has that name, or `params` are no AlarmParams.
 
     Source: ``docs/alarms.md``.
 
@@ -290,6 +290,10 @@ class Alarm:
     """
 
     def __init__(self, name: str, params: AlarmParams | None = None) -> None:
+        if not isinstance(params, AlarmParams | None):
+            raise ParameterError(
+                f"params must not be {params!r:.60}; give oppload_cli.alarm_params()"
+            )
         self.params = params or AlarmParams()
         self._floor = self.params.floor_of(name) if self.params.on else math.inf
         self._background = Background(self.params.background_s, self.params.guard_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import traceback
+from collections.abc import Iterable
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
@@ -49,7 +50,7 @@ class DetectorBank:
     Raises
     ------
     ParameterError
-        If no detector is given, or one is given twice.
+        If no detector or no list is given, or one detector is given twice.
     DetectorError
         If a user's detector cannot be made, or its `interpolated` is not one of the three words.
 
@@ -70,6 +71,12 @@ class DetectorBank:
         frame_rate: float | None = None,
         time: TimeParams | None = None,
     ) -> None:
+        given: object = params  # a caller may give one set, in spite of the type
+        if not isinstance(given, Iterable):
+            raise ParameterError(
+                f"params must not be {given!r:.60}; give a list, such as [DlgmdParams()]"
+            )
+        params = list(params)
         if not params:
             raise ParameterError("no model is chosen; name at least one")
         shape = checked_shape(shape)

@@ -82,9 +82,10 @@ def preset_in(models: Iterable[str], where: str = "the list of models") -> str:
 
 def preset_named(name: str) -> Preset:
     """Return a preset by its name; an unknown name is a ParameterError."""
+    name = str(name)  # a caller may give a list or an array, in spite of the type
     if name == "robust":
         raise ParameterError("preset 'robust' is called 'default' since 1.0; leave the preset out")
-    if name not in list(PRESETS):  # which also takes a list, from Python
+    if name not in PRESETS:
         raise ParameterError(f"no preset '{name}'{suggestion(name, PRESETS)}")
     return PRESETS[name]
 

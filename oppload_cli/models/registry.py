@@ -289,11 +289,19 @@ def forget(name: str) -> None:
     name : str
         Name of the detector; no error if it is unknown.
 
+    Raises
+    ------
+    ParameterError
+        If the name is no text.
+
     Examples
     --------
     >>> import oppload_cli as oppload
     >>> oppload.forget("never_registered")  # nothing to remove
     """
+    given: object = name  # a caller may give a list or an array, in spite of the type
+    if not isinstance(given, str):
+        raise ParameterError(f"the name of a detector must be a text, not {given!r:.60}")
     _detectors.pop(name, None)
 
 
@@ -323,7 +331,8 @@ def default_names() -> tuple[str, ...]:
 
 def detector_named(name: str) -> type[Detector]:
     """Return a detector by its name; an unknown name is a ParameterError."""
-    if name not in known_names():  # which also takes a list, from Python
+    name = str(name)  # a caller may give a list or an array, in spite of the type
+    if name not in _detectors:
         raise ParameterError(f"no model '{name}'{suggestion(name, _detectors)}")
     detector = _detectors[name]
     if isinstance(detector, str):

@@ -126,9 +126,10 @@ def plot_curves(
     ('response / alarm threshold', 'time from contact (s)')
     """
     results = style.as_list(results, BaseResult)
-    if scale not in SCALES:
+    style.check_title(title)
+    if str(scale) not in SCALES:
         raise ParameterError(f"no scale '{scale}'; choose {', '.join(SCALES)}")
-    if align not in {None, "contact"}:
+    if align is not None and str(align) != "contact":
         raise ParameterError(f"curves cannot be aligned at '{align}'; choose contact")
     if not isinstance(marks, Mapping | None):
         raise ParameterError(

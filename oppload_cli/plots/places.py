@@ -108,8 +108,10 @@ def plot_places(
     if isinstance(result, list | tuple):
         raise ParameterError("a map shows one result; draw each result of the list on its own")
     style.check_drawn(result, BaseResult)
-    if still is not None and still.dtype.kind != "f":
-        raise ParameterError(f"still must be luminance from 0 to 1, not of type {still.dtype}")
+    style.check_title(title)
+    kind = getattr(still, "dtype", type(still))
+    if still is not None and getattr(kind, "kind", "") != "f":
+        raise ParameterError(f"still must be luminance from 0 to 1, not of type {kind}")
     detector = _detector(result, model)
     places = [f"{detector.name}_{name}" for name in ("unit_x", "unit_y", *Box._fields)]
     result.need(places)

@@ -66,6 +66,7 @@ def plot_rmo(
     'RMO index'
     """
     results = style.as_list(results, BaseResult)
+    style.check_title(title)
     if len(results) > _MOST:
         raise ResultError(
             f"{results[_MOST].path}: one figure shows the RMO of at most {_MOST} results; "

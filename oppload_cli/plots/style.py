@@ -210,6 +210,12 @@ def check_drawn(drawn: object, kind: type) -> None:
         )
 
 
+def check_title(title: object) -> None:
+    """Raise a ParameterError for a title that is no text, such as a number."""
+    if not isinstance(title, str | None):
+        raise ParameterError(f"title must be a text, not {title!r:.60}")
+
+
 def as_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return names as a tuple; a text is one name, not a sequence of letters."""
     given: object = (names,) if isinstance(names, str) else names  # maybe of a wrong type

@@ -108,7 +108,8 @@ def plot_tuning(
     """
     tunings, models = style.as_list(tunings, Tuning), style.as_names(models)
     names = labels_of(tunings, labels)
-    if scale not in {"peak", "raw"}:
+    style.check_title(title)
+    if str(scale) not in {"peak", "raw"}:
         raise ParameterError(
             f"a tuning plot has the scale peak or raw, not '{scale}'; choose one of them"
         )

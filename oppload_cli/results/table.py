@@ -126,7 +126,8 @@ class FrameRecord:
 
         A detector that did not run is a ParameterError.
         """
-        if model not in list(self.responses):  # which also takes a list, from Python
+        model = str(model)  # a caller may give a list or an array, in spite of the type
+        if model not in self.responses:
             raise ParameterError(
                 f"'{model}' has no response in this record{suggestion(model, self.responses)}"
             )

@@ -88,6 +88,9 @@ class Tuning:
 
         A stimulus that ends during the warm-up of the detector has no peak.
         """
+        given: object = model  # a caller may give a list, in spite of the type
+        if not isinstance(given, str):
+            raise ParameterError(f"model must be the name of one detector, not {given!r:.60}")
         chosen = (self.rows["model"] == model) & self.rows["peak"].notna()
         return self.rows[chosen].reset_index(drop=True)
 
@@ -113,7 +116,7 @@ class Tuning:
         ParameterError
             If `if_exists` is another word.
         """
-        if if_exists not in {"error", "overwrite"}:
+        if str(if_exists) not in {"error", "overwrite"}:
             raise ParameterError(f"if_exists must be error or overwrite, not {if_exists!r}")
         table = path_of(folder, "folder") / self.path.name
         sidecar = table.with_suffix(".json")

@@ -123,7 +123,7 @@ def file_stem(name: str) -> str:
 
 def _check_fits(protocol: Protocol, form: str, where: str) -> None:
     """Refuse a format that cannot hold a stimulus; `where` names the stimulus in the message."""
-    if form not in list(FORMATS):  # which also takes a list, from Python
+    if str(form) not in FORMATS:  # a caller may give a list or an array, in spite of the type
         raise StimulusError(f"no video format '{form}'{suggestion(form, FORMATS)}")
     display, video_format = protocol.display, FORMATS[form]
     for key in ("width", "height"):

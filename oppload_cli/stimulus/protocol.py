@@ -13,6 +13,7 @@ import re
 import typing
 from dataclasses import dataclass
 from fractions import Fraction
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import StimulusError, faults_at, suggestion
@@ -122,9 +123,10 @@ def check_protocol(protocol: object) -> None:
 def check_frame(protocol: Protocol, frame: int) -> None:
     """Raise a StimulusError if a protocol has no frame of this number."""
     check_protocol(protocol)
-    if not 0 <= frame < protocol.frame_count:
+    given: object = frame  # a caller may give a text, in spite of the type
+    if not isinstance(given, Real) or not 0 <= frame < protocol.frame_count:
         raise StimulusError(
-            f"{protocol.name}: has no frame {frame}; give a number from 0 to "
+            f"{protocol.name}: has no frame {frame!r:.60}; give a number from 0 to "
             f"{protocol.frame_count - 1}"
         )
 

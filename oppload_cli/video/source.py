@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.files.reading import is_folder, is_there
 from oppload_cli.processes.threads import Call, Prefetch
+from oppload_cli.schema import is_integer
 from oppload_cli.video.frames import (
     MOST_WAITING,
     Frame,
@@ -190,8 +191,8 @@ def open_video(
         If nothing can be read from the input, or if it has no rate that `true_rate` could replace,
         as a camera.
     ParameterError
-        If the height is not a whole number of at least 1, the working size is too large, or a rate
-        is not a number above 0 and at most 100000.
+        If the height is not a whole number of at least 1, the working size is too large, a rate is
+        not a number above 0 and at most 100000, or the number of threads is no whole number.
 
     Examples
     --------
@@ -205,6 +206,8 @@ def open_video(
         raise ParameterError(
             f"span must be a Span, e.g. Span(start=Position(seconds=1.5)), not {span!r:.60}"
         )
+    if not is_integer(threads, 0):
+        raise ParameterError(f"threads must be a whole number of at least 0, not {threads!r:.60}")
     rates = checked_rate(image_rate, "image_rate"), checked_rate(true_rate, "true_rate")
     # A thread opens the input, because Ctrl-C has no effect while a library call blocks.
     source = Call(lambda: source_of(str(name), *rates, threads)).result()
