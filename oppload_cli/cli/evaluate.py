@@ -93,8 +93,7 @@ def evaluate(
     luminance. DIR gets evaluation.html, one page with everything, report.json, the
     measurements, responses and windows as CSV, and the plots.
     """
-    from oppload_cli.evaluation import detectors
-    from oppload_cli.evaluation import evaluate as evaluation
+    from oppload_cli.evaluation import detectors, evaluate
     from oppload_cli.evaluation.inputs import clips_of
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
 
@@ -108,7 +107,7 @@ def evaluate(
         for fault in (*clips.notes, *clips.faults):
             say(f"oppload: {fault}")
         with progress_bar(len(clips.entries), "clip", quiet=quiet) as bar:
-            result = evaluation.evaluate(clips, chosen, jobs=jobs, draws=draws, progress=bar.update)
+            result = evaluate.evaluate(clips, chosen, jobs=jobs, draws=draws, progress=bar.update)
         for fault in result.faults[len(clips.faults) :]:
             say(f"oppload: {fault}")
         made = write_evaluation(result, output, claim, lambda: time.perf_counter() - started)

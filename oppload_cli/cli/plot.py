@@ -21,6 +21,7 @@ from oppload_cli.errors import (
 )
 from oppload_cli.evaluation.manifest import Manifest, read_manifest
 from oppload_cli.files.atomic import PART
+from oppload_cli.models.columns import RMO
 from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
 from oppload_cli.results.reading import BaseResult, find_video, read_result
@@ -273,9 +274,8 @@ def _draw_results(
     paths: Sequence[Path], kind: str | None, chosen: dict[str, Any], failures: list[ResultError]
 ) -> tuple[Figure, list[str]]:
     """Draw results of ``oppload run``, which no lines of text describe."""
-    from oppload_cli.plots import rmo
-
-    needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "_over_threshold"))
+    columns = {"rmo": tuple(each.name for each in RMO), "map": ("",)}
+    needed = columns.get(kind or "", ("_alarm", "_over_threshold"))
 
     def read(path: Path) -> BaseResult:
         result = read_result(path, needed)

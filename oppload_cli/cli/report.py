@@ -14,7 +14,7 @@ from oppload_cli.files.atomic import folder_of_outputs
 from oppload_cli.files.reading import is_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
 
 @click.command()
@@ -82,8 +82,14 @@ def write_pages(
     folders whose failed inputs the index lists too. Returns the index, or the only page, and the
     exit code: ``INCOMPLETE`` if a result has no page.
     """
+    from oppload_cli.batch.plan import failed_in
     from oppload_cli.report.writing import write_report
 
+    failed = [
+        (batch / stem, error)
+        for batch in dict.fromkeys(batches)
+        for stem, error in failed_in(batch)
+    ]
     total, unit = (None, "frame") if len(tables) == 1 else (len(tables), "page")
     with progress_bar(total, unit, quiet=quiet) as bar:
         written = write_report(
@@ -91,23 +97,13 @@ def write_pages(
             folder,
             roots=roots,
             videos=videos,
-            failed=list(_failed_inputs(tables, batches)),
+            failed=failed,
             jobs=jobs,
             progress=bar.update,
         )
     for line in (*written.notes, *map(str, written.failures)):
         say(f"oppload: {line}")
     return written.first, ExitCode.INCOMPLETE if written.failures else ExitCode.DONE
-
-
-def _failed_inputs(tables: Sequence[Path], batches: Sequence[Path]) -> Iterator[str]:
-    """Yield the errors of inputs without a result, from the lists of failures of some folders."""
-    from oppload_cli.batch.plan import failed_in
-    from oppload_cli.results.reading import stem_of
-
-    made = {table.parent / stem_of(table) for table in tables}
-    for batch in dict.fromkeys(batches):
-        yield from (error for stem, error in failed_in(batch) if batch / stem not in made)
 
 
 def _common_folder(folders: Sequence[Path]) -> Path | None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
+_COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
 _MOST = 3  # results in one figure
 _INDEX, _MEAN = style.CYCLE[3], style.CYCLE[4]  # as on the HTML pages; OppLoD and D-LGMD differ
 
@@ -74,7 +74,7 @@ def plot_rmo(
         )
     for result in results:
         result.need_responses(())
-        for name in COLUMNS:
+        for name in _COLUMNS:
             if name not in result.frames.columns:
                 raise ResultError(
                     f"{result.path}: has no column '{name}'; run the input again without --no-rmo "

@@ -116,7 +116,7 @@ def write_report(
     *,
     roots: Sequence[Path] | None = None,
     videos: Path | None = None,
-    failed: Sequence[str] = (),
+    failed: Sequence[tuple[Path, str]] = (),
     jobs: int = 1,
     progress: Callable[[int], object] | None = None,
 ) -> _Report:
@@ -132,8 +132,9 @@ def write_report(
         table below its root. By default all pages lie in `folder` itself.
     videos : Path, optional
         The video, or the folder of the videos, if they have moved.
-    failed : sequence of str
-        Errors of inputs without a result, which the index lists.
+    failed : sequence of (Path, str)
+        Inputs that failed: the folder and the stem of the result, and the error. The index lists
+        the errors of those that have none of the results.
     progress : callable, optional
         Takes a count since its last call: of copied frames of video if there is a single result, of
         finished results if there are several.
@@ -168,7 +169,8 @@ def write_report(
     if not entries:
         raise failures[0]
     if index is not None:
-        missing = [*map(str, failures), *failed]
+        made = {table.parent / stem_of(table) for table in tables}
+        missing = [*map(str, failures), *(error for stem, error in failed if stem not in made)]
         write_atomic(index, _index_page(index, entries, missing))
     notes = [f"{entry.page}: {note}" for entry in entries for note in entry.notes]
     return _Report([entry.page for entry in entries], index, failures, notes)
