@@ -21,13 +21,14 @@ def entry() -> NoReturn:
     # oppload multiplies no large matrices; starting threads for them takes 0.1 s.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # OpenCV prints lines if the system refuses a thread; oppload's error says the same. With some
-    # levels it prints to standard output, which is for data.
+    # levels OpenCV prints to standard output, which is for data.
     os.environ["OPENCV_LOG_LEVEL"] = "SILENT"
     # Figures become files, so that matplotlib needs no display.
     os.environ["MPLBACKEND"] = "agg"
-    # Figures hold no date, but matplotlib fails at a value that is none.
+    # Figures hold no date, but matplotlib fails if this variable is no number.
     os.environ.pop("SOURCE_DATE_EPOCH", None)
-    # Else a process of `--jobs` would run a `signal.py` of the current folder in place of Python's.
+    # Without this variable, a process of `--jobs` would import a `signal.py` of the current folder
+    # in place of Python's.
     os.environ["PYTHONSAFEPATH"] = "1"
     # With these allocators, Arrow starts no thread.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")

@@ -46,7 +46,7 @@ def _complete(_: click.Context, __: click.Parameter, text: str) -> list[Completi
 @click.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=_complete)
 @click.option("--measure", is_flag=True, help="Measure the cost of a frame on this machine.")
-@click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
     """List the models and the presets, a line for each.
 

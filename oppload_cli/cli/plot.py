@@ -150,10 +150,9 @@ def plot(
     for group, labels in groups:
         chosen["labels"] = labels
         of_tuning = kind in _TUNING_KINDS or is_tuning(group[0])
+        draw = _draw_tunings if of_tuning else _draw_results
         try:
-            figure, lines = (_draw_tunings if of_tuning else _draw_results)(
-                group, kind, chosen, failures
-            )
+            figure, lines = draw(group, kind, chosen, failures)
         except ResultError as error:
             if len(groups) == 1:
                 raise
