@@ -67,7 +67,6 @@ class Progress:
     def close(self) -> None:
         """Remove the bar."""
         if self._bar is not None:
-            self._bar.total = self._frames  # before, the number of frames that the file declares
             self._bar.close()
 
 

@@ -434,6 +434,11 @@ def test_the_table_marks_peaks_that_did_not_count() -> None:
     assert star.startswith("*: a peak which did not count: it came at the start, a cut, a flash")
 
 
+def test_the_header_stands_above_short_names_too() -> None:
+    _, header, row = AlarmTable(["a"], ["opplod"]).lines("a", Outcome(frames=10, wall_s=1.0))
+    assert (row[0], row[header.index("frames/s") :]) == ("a", "10")
+
+
 def test_a_name_that_is_escaped_keeps_its_row_in_line() -> None:
     table = AlarmTable(["plain", "\udcff"], ["opplod"])
     rows = [list(table.lines(name, Outcome(frames=10)))[-1] for name in ("plain", "\udcff")]
@@ -512,6 +517,7 @@ def test_of_many_detectors_each_has_a_row(tmp_path: Path) -> None:
         rows = lines[first : first + 4]
         assert [row[7:33].strip() for row in rows] == labels
         assert [row[:7].strip() for row in rows] == [name, "", "", ""]
+        assert [row[56:].isdigit() for row in rows] == [True, False, False, False]  # frames/s
     counted = f"2 of 2 inputs had an alarm; all alarms: {tmp_path / 'alarms.csv'}"
     assert lines[lines.index(counted) + 1] == f"  {'frame difference':<26}2"
     off = oppload(*words, "--set", "alarm.on=false", "--if-exists", "overwrite").stderr
