@@ -496,9 +496,10 @@ def test_live_inputs_are_finished_when_the_user_stops_them(
 def test_live_inputs_that_would_wait_for_ever_are_announced(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(tasks, "run_task", lambda _task, **_options: Outcome())
-    for names, waits in ((("camera:0", "udp://127.0.0.1:1"), True), (("a.avi", "b.avi"), False)):
-        done = oppload("run", *names, "-o", tmp_path, "-j", "1")
+    monkeypatch.setattr("oppload_cli.cli.running.run_tasks", lambda *_tasks, **_options: None)
+    live = ("camera:0", "udp://127.0.0.1:1")
+    for names, jobs, waits in ((live, 1, True), (live, 2, False), (("a.avi", "b.avi"), 1, False)):
+        done = oppload("run", *names, "-o", tmp_path, "-j", str(jobs))
         advice = "1 of 2 inputs run at once, and a camera or a stream may never end; give --jobs 2"
         assert (advice in done.stderr) == waits
 

@@ -41,6 +41,7 @@ def test_models_lists_every_parameter_once_defined() -> None:
     text = oppload("models", "paper", "reference").stdout
     assert "opplod.judgement = pixelwise" in text
     assert "alarm.opplod_floor = 0.0008" in text
+    assert "opplod.axes = " not in text  # a default
 
 
 def test_printed_settings_can_be_given_back(tmp_path: Path) -> None:
