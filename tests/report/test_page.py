@@ -614,6 +614,11 @@ def test_pages_lie_beside_their_results(tmp_path: Path) -> None:
     two = tmp_path / "two"
     done = oppload("report", out / "x", out / "y", "-o", two, "-j", "1", "-q")
     assert (done.returncode, titles_in(two / "index.html")) == (0, both)
+    # The page of a single table lies in the folder of the pages itself.
+    mixed = tmp_path / "mixed"
+    alone = out / "y" / "a.frames.csv"
+    assert oppload("report", out / "x", alone, "-o", mixed, "-j", "1", "-q").returncode == 0
+    assert sorted(titles_in(mixed / "index.html")) == ["./a-2.report.html", "./a.report.html"]
 
 
 def test_pages_in_one_folder_have_the_inputs_as_titles(table: Path, tmp_path: Path) -> None:

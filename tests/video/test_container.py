@@ -711,9 +711,9 @@ def test_a_video_that_is_closed_in_the_middle_does_not_look_complete(tmp_path: P
     frames = iter(video)
     next(frames)
     video.close()
-    for _ in range(2):
+    for again in (frames, frames, video):
         with pytest.raises(SourceError, match=r"a.avi: was closed before its last frame"):
-            next(frames)
+            next(iter(again))
     with open_video(path) as video:
         assert len(list(video)) == 40
     with pytest.raises(SourceError, match=r"a.avi: has no frame left.*; open it again"):
