@@ -135,11 +135,11 @@ class Analysis:
         self._luminance = ArrayLuminance(working)
         self._preparation = Preparation(chosen, facts.frame_rate)
         self._detectors = DetectorPass(working, facts, chosen, optics)
-        self._first_s = 0.0
+        self._count, self._first_s = 0, 0.0  # number of frames so far, and the time of the first
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
-        return f"Analysis({self._description}; {counted(self._detectors.count, 'frame')} so far)"
+        return f"Analysis({self._description}; {counted(self._count, 'frame')} so far)"
 
     def step(self, frame: NDArray[Any], time_s: float) -> FrameRecord:
         """Take the next frame.
@@ -170,13 +170,13 @@ class Analysis:
         """
         with self._lock:  # the compiled loops of two frames would write into the same memory
             record = self._step(frame, time_s)
-        if self._detectors.count == _FEW_FRAMES:
+        if self._count == _FEW_FRAMES:
             for remark in self._unit_remarks():
                 warnings.warn(remark, stacklevel=2)
         return record
 
     def _step(self, frame: NDArray[Any], time_s: float) -> FrameRecord:
-        count, values = self._detectors.count, np.asarray(frame)
+        count, values = self._count, np.asarray(frame)
         shape, (rows, columns) = self._shape, self._shape
         if values.shape not in {shape, (*shape, 3)}:
             remedies = {
@@ -209,6 +209,7 @@ class Analysis:
         if not count:
             self._first_s = float(time_s)
         luma = self._luminance(values, f"frame {count}")
+        self._count += 1
         prepared = self._preparation.step(Frame(count, float(time_s) - self._first_s, luma))
         return self._detectors.step(prepared)
 

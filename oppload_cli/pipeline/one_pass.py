@@ -124,7 +124,7 @@ class DetectorPass:
         places, time = chosen.places, chosen.time
         rate = self._facts.frame_rate
         stated = float(rate) if rate else None
-        self.count = 0  # number of frames so far
+        self._count = 0  # number of frames since the detectors began
         self._bank = DetectorBank(working.shape, chosen.params, stated, time)
         self._per_second = time.per_second
         self._first_s = 0.0
@@ -153,12 +153,12 @@ class DetectorPass:
             for each in prepared.again:
                 self.step(each)
         time_s, repeat = prepared.frame.time_s, prepared.repeat
-        if not self.count:
+        if not self._count:
             self._first_s = time_s
         elif self._facts.real_time and prepared.frame.index > self._index + 1:
             self._too_slow = True
         self._index = prepared.frame.index
-        self.count += 1
+        self._count += 1
         if repeat.held and self._latest is not None:
             return _held(self._latest, prepared)
         blind = "" if repeat.passed_over else self._see(prepared.frame, repeat)
@@ -230,7 +230,7 @@ class DetectorPass:
             return responses
         # If nothing changed, or it is not known how long the change took, every detector responds
         # with 0, whatever its earlier responses.
-        lasted = float(self.count - 1)  # intervals
+        lasted = float(self._count - 1)  # intervals
         if self._per_second:
             lasted = (time_s - self._first_s) * self._per_second
         return bank.at_rest(lasted + NEARLY_ONE)

@@ -421,6 +421,17 @@ def test_frames_one_by_one_give_the_results_of_the_array() -> None:
     assert left.time_to_contact_s == pytest.approx(1.2 - TIMES[-3], rel=0.1)
 
 
+def test_frames_keep_their_numbers_where_the_detectors_begin_again() -> None:
+    """A second of a still picture, and then 10 pictures/s, each for three frames."""
+    pictures = eight_bits(looming(60, 30, 30, 6))
+    shown = [*pictures[:1] * 30, *(picture for picture in pictures for _ in range(3))]
+    analysis = Analysis((60, 60), ["frame_difference"], rate=30)
+    found = [analysis.step(picture, index / 30) for index, picture in enumerate(shown)]
+    assert found[-1].repeat  # the detectors have found the cadence
+    assert [record.frame for record in found] == list(range(48))
+    assert repr(analysis).endswith("; 48 frames so far)")
+
+
 @pytest.fixture(scope="module")
 def undisturbed() -> list[FrameRecord]:
     analysis = Analysis((180, 320))
