@@ -10,7 +10,7 @@ from oppload_cli.detection.alarm import Alarm, Cuts
 from oppload_cli.detection.places import Detections
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box
-from oppload_cli.models.timebase import NEARLY_ONE
+from oppload_cli.models.timebase import NEARLY_ONE, ROUNDING_S
 from oppload_cli.motion.flow import DenseFlow, Interpolation
 from oppload_cli.motion.rmo import RmoMetrics
 from oppload_cli.pipeline.repeats import EXACT, Repeat
@@ -90,7 +90,7 @@ class Preparation:
             first.clear()  # the video begins at rest: the frames count from the last one at rest
         first.append(latest)
         seconds = latest.frame.time_s - first[0].frame.time_s
-        if seconds > _FIRST_S or len(first) * latest.frame.luma.nbytes > _FIRST_BYTES:
+        if seconds > _FIRST_S + ROUNDING_S or len(first) * latest.frame.luma.nbytes > _FIRST_BYTES:
             self._first = None
             return latest
         if self.repeats.is_cadence:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import cv2
 import numpy as np
 
+from oppload_cli.models.timebase import ROUNDING_S
 from oppload_cli.schema import Parameters, parameter
 from oppload_cli.video.frames import in_digits
 
@@ -141,7 +142,7 @@ class Repeats:
     """
 
     def __init__(self, params: RepeatParams) -> None:
-        self._params = params
+        self._params, self._longest_s = params, params.longest_s + ROUNDING_S
         self._shown: Luma | None = None  # the latest frame that the detectors got
         self._usual: deque[_Change] = deque(maxlen=_FRAMES)
         # The current run: its length, the largest change in it, and the time of its picture.
@@ -259,7 +260,7 @@ class Repeats:
             self._lasted_s.clear()
         # Before a cadence only a proved run shows how long its picture lasted.
         known = self.is_cadence or (bool(self._proofs) and self._proofs[-1].time_s == time_s)
-        if not known or not 0 < lasted_s <= self._params.longest_s:
+        if not known or not 0 < lasted_s <= self._longest_s:
             return time_s
         self._lasted_s.append(lasted_s)
         if not self.is_cadence:
@@ -280,7 +281,7 @@ class Repeats:
         if handling == _KEEP:
             self.exact += exact
             return Repeat()
-        while self._proofs and time_s - self._proofs[0].time_s > _PROOF_S:
+        while self._proofs and time_s - self._proofs[0].time_s > _PROOF_S + ROUNDING_S:
             self._proofs.popleft()
         if not exact and not (change and self._is_drop(change)):
             self._end_run(change, time_s)
@@ -289,7 +290,7 @@ class Repeats:
             self._largest, self._since_s = _NONE, self._before_s
         self._run += 1
         self._largest = _Change(*map(max, self._largest, change or _NONE))
-        if time_s - self._since_s > self._params.longest_s:
+        if time_s - self._since_s > self._longest_s:
             return self._at_rest(exact=exact)
         held = self.is_cadence and self._run % (1 + self._longest) > 0
         kind = EXACT if exact else NEAR if held else ""
@@ -331,7 +332,7 @@ class Repeats:
 
     def _end_run(self, change: _Change | None, time_s: float) -> None:
         """Take a new picture; if the change rises as steeply as it dropped, the run is proved."""
-        proved = self._run > 0 and self._before_s - self._since_s <= self._params.longest_s
+        proved = self._run > 0 and self._before_s - self._since_s <= self._longest_s
         deep = True
         if change is not None:  # with `EXACT` a run needs no rise
             usual = self._usual_change()
@@ -340,7 +341,7 @@ class Repeats:
             deep = self._largest.below(_DEEP * self._params.share, change, lenient=True)
             self._usual.append(change)
         # Where frames are dropped the usual frame rate is too high, so the time counts; not pauses.
-        pause = time_s - self._before_s > self._params.longest_s
+        pause = time_s - self._before_s > self._longest_s
         if self.is_cadence and (proved or not self._run) and not pause:
             self._pictures += 1
             self._repeats += self._run

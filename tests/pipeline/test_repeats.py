@@ -170,23 +170,27 @@ class Told:
         self.forgotten += 1
 
 
-def prepared_as(told: Told, count: int, luma: Luma, rate: int) -> list[Prepared]:
+def prepared_as(
+    told: Told, count: int, luma: Luma, rate: int, first_s: float = 0.0
+) -> list[Prepared]:
     repeats: Any = told
     chosen = PassParams("default", [], AlarmParams(), None, TimeParams(), None, repeats)
     preparation = Preparation(chosen, Fraction(rate))
-    return [preparation.step(Frame(k, k / rate, luma)) for k in range(count)]
+    return [preparation.step(Frame(k, first_s + k / rate, luma)) for k in range(count)]
 
 
 @pytest.mark.parametrize(
     ("shape", "known_at", "again"),
-    [((8, 8), 11, 11), ((8, 8), 13, 0), ((4096, 2048), 1, 1), ((4096, 2048), 2, 0)],
+    [((8, 8), 12, 12), ((8, 8), 13, 0), ((4096, 2048), 1, 1), ((4096, 2048), 2, 0)],
 )
+@pytest.mark.parametrize("first_s", [0.0, 1.0])  # in floats, 1.6 - 1 is more than 0.6
 def test_a_cadence_counts_from_the_start_for_0_6_s_and_64_mb(
-    shape: tuple[int, int], known_at: int, again: int
+    shape: tuple[int, int], known_at: int, again: int, first_s: float
 ) -> None:
     """At 20 frames/s; frames of 4096 x 2048 px take 32 MB each."""
     luma = np.broadcast_to(np.float32(0), shape)
-    prepared = prepared_as(Told("p" * 20, known_at), known_at + 2, luma, rate=20)
+    told = Told("p" * 20, known_at)
+    prepared = prepared_as(told, known_at + 2, luma, rate=20, first_s=first_s)
     assert [len(each.again) for each in prepared] == [0] * known_at + [again, 0]
 
 
@@ -288,7 +292,7 @@ def test_a_run_is_proved_by_a_change_that_rises(
 def test_a_proof_counts_for_two_seconds_and_a_run_for_itself() -> None:
     one, other = np.zeros((2, 4, 4), np.float32)
     other[0, 0] = 1
-    for time_s, cadence in ((1.95, True), (2.05, False)):
+    for time_s, cadence in ((2.001, True), (2.05, False)):
         repeats = Repeats(RepeatParams())
         repeats.step(one, 0.0)
         repeats._proofs.extend([RUN, RUN._replace(time_s=1.9)])
@@ -473,6 +477,16 @@ def test_a_picture_is_repeated_for_a_limited_time_at_any_rate(rate: int) -> None
     passed = sum(repeats.step(frame, k / rate).passed_over for k, frame in enumerate(still))
     assert passed == int(0.18 * rate)
     assert shown == "." + "e" * (rate - 1)
+
+
+@pytest.mark.parametrize("first", range(5))
+def test_rounded_times_do_not_decide_whether_a_picture_is_repeated(first: int) -> None:
+    """Of 50 frames/s, nine repeats last for 0.18 s, in floats now a little less, now more."""
+    pictures = np.random.default_rng(1).random((10, 4, 4)).astype(np.float32)
+    repeats = Repeats(RepeatParams())
+    found = [repeats.step(pictures[k // 10], (first + k) / 50) for k in range(100)]
+    assert [each.passed_over for each in found] == ([False] + [True] * 9) * 10
+    assert repeats.pictures_per_s == pytest.approx(5)
 
 
 @pytest.mark.parametrize("crf", [23, pytest.param(28, marks=pytest.mark.slow), 35])
