@@ -80,6 +80,21 @@ def preset_in(models: Iterable[str], where: str = "the list of models") -> str:
     return presets[0] if presets else ""
 
 
+def stated_preset(preset: str | None, models: Iterable[str]) -> str | None:
+    """Return the preset that a run states, by itself or in the names of its models, else None.
+
+    An unknown preset, and two different ones, are a ParameterError.
+    """
+    of_models = preset_in(models)
+    if preset is not None:
+        preset_named(preset)  # raises the error of an unknown preset, also of an empty text
+    if preset and of_models and preset != of_models:
+        raise ParameterError(
+            f"a model asks for preset '{of_models}', but the preset is '{preset}'; leave one out"
+        )
+    return preset or of_models or None
+
+
 def preset_named(name: str) -> Preset:
     """Return a preset by its name; an unknown name is a ParameterError."""
     name = str(name)  # a caller may give a list or an array, in spite of the type

@@ -19,8 +19,8 @@ from oppload_cli.models.presets import (
     DEFAULT_PRESET,
     PRESETS,
     parse_height,
-    preset_in,
     preset_named,
+    stated_preset,
 )
 from oppload_cli.models.registry import default_names, detector_of, names_of, parameters_of
 from oppload_cli.models.timebase import TimeParams, time_params
@@ -400,14 +400,8 @@ def pass_params(
     for each in models or ():
         kinds = "names of detectors, or sets as parameters_of gives them"
         _check_kind("models", each, Parameters | str, kinds)
-    of_names = preset_in([each for each in models or () if isinstance(each, str)])
-    if preset is not None:
-        preset_named(preset)  # raises the error of an unknown preset, also of an empty text
-    if preset and of_names and preset != of_names:
-        raise ParameterError(
-            f"a model asks for preset '{of_names}', but the preset is '{preset}'; leave one out"
-        )
-    preset = preset or of_names or _preset_of(models or ())
+    words = [each for each in models or () if isinstance(each, str)]
+    preset = stated_preset(preset, words) or _preset_of(models or ())
     chosen: list[Parameters] = []
     for each in models or default_names():
         if isinstance(each, str):

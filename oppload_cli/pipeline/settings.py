@@ -22,6 +22,7 @@ from oppload_cli.models.presets import (
     parse_height,
     preset_in,
     preset_named,
+    stated_preset,
 )
 from oppload_cli.models.registry import (
     default_names,
@@ -211,14 +212,7 @@ def resolve(
     """
     content = _read(config) if config else {}
     file_name = str(config) if config else ""
-    of_models = preset_in(models)
-    if preset is not None:
-        preset_named(preset)  # raises the error of an unknown preset, also of an empty text
-    if preset and of_models and preset != of_models:
-        raise ParameterError(
-            f"a model asks for preset '{of_models}', but the preset is '{preset}'; leave one out"
-        )
-    preset = preset or of_models
+    preset = stated_preset(preset, models)
     chosen = preset_named(preset) if preset else _preset_of_file(content, file_name, usual)
     needed = _needed_detectors(_models(models) if models else default_names(), content, assignments)
     groups: dict[str, Parameters] = {
