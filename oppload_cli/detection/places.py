@@ -12,7 +12,7 @@ import numpy as np
 
 from oppload_cli.detection.growth import Contact, Extent, Products, Pyramid, growth
 from oppload_cli.models.detector import Box
-from oppload_cli.models.timebase import NEARLY_ONE, ROUNDING_S
+from oppload_cli.models.timebase import ROUNDING, ROUNDING_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,7 +86,7 @@ class Detection(NamedTuple):
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _NEAR = 0.25  # a peak nearer to an object's focus, in receptive fields, belongs to the object
 _AROUND = 1.15  # enlarges the box, which is up to 10 % too small: the outline shows most growth
-_LEAST_AGE = 1 - NEARLY_ONE  # in intervals, of the compared frame: else growth is too small
+_LEAST_AGE = 1 - ROUNDING  # in intervals, of the compared frame: else growth is too small
 _GROWTH = 1.25  # growth from one frame to the next shortly before contact
 
 

@@ -28,7 +28,7 @@ from oppload_cli.models.dpc import (
     presynaptic_sums,
     rectified,
 )
-from oppload_cli.models.timebase import NEARLY_ONE, Clock, nearly_one
+from oppload_cli.models.timebase import ROUNDING, Clock, nearly_one
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
@@ -173,7 +173,7 @@ class Photoreceptors:
         oldest = self._series[-1]
         if oldest is None or oldest.before is None:
             return False
-        return self._rest - oldest.before.at <= NEARLY_ONE * self.stride
+        return self._rest - oldest.before.at <= ROUNDING * self.stride
 
     @property
     def usual_step(self) -> float:
@@ -285,7 +285,7 @@ class Photoreceptors:
     def _compared_with(self, now: float) -> tuple[_PastFrame, Map] | None:
         """Return the frame to compare with, and its luminance; forget the luminance before it."""
         lumas, wanted = self._lumas, now - self.stride
-        while len(lumas) > 1 and lumas[1][0].at <= wanted + NEARLY_ONE * self.stride:
+        while len(lumas) > 1 and lumas[1][0].at <= wanted + ROUNDING * self.stride:
             lumas.popleft()
         if not lumas:
             return None
@@ -297,7 +297,7 @@ class Photoreceptors:
         lacking = younger[0].at - wanted
         if lacking <= min(_MOST_LACKING * self.stride, _LACKING_OVER_EXCESS * excess):
             return younger
-        return older if older[0].at <= wanted + NEARLY_ONE * self.stride else None
+        return older if older[0].at <= wanted + ROUNDING * self.stride else None
 
     def _keep(self, frame: _PastFrame, luma: Map) -> None:
         """Keep a frame for later comparisons, unless it comes very soon after the last kept one."""

@@ -22,7 +22,7 @@ from oppload_cli.schema import Parameters, parameter
 FRAME = "frame"
 _REFERENCE_S = Fraction(REFERENCE_INTERVAL)
 _SHORTEST_S, _LONGEST_S = Fraction("0.0001"), Fraction(10)  # exact, as the values are
-NEARLY_ONE = 0.03  # tolerance: times in files are rounded, often to milliseconds
+ROUNDING = 0.03  # share of an interval: times in files are rounded, often to milliseconds
 # Spans of time such as 0.4 s are often a whole number of frames. So that the rounding of the times
 # does not decide, a frame counts as within the span if it is beyond its end by at most this.
 ROUNDING_S = 1.7e-3
@@ -119,7 +119,7 @@ class Clock:
 
 def nearly_one(ratio: float) -> float:
     """Return 1 if a ratio differs from 1 by at most 3 %, else the ratio."""
-    return 1.0 if abs(ratio - 1) <= NEARLY_ONE else ratio
+    return 1.0 if abs(ratio - 1) <= ROUNDING else ratio
 
 
 class Background:

@@ -10,7 +10,7 @@ from oppload_cli.detection.alarm import Alarm, Cuts
 from oppload_cli.detection.places import Detections
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box
-from oppload_cli.models.timebase import NEARLY_ONE, ROUNDING_S
+from oppload_cli.models.timebase import ROUNDING, ROUNDING_S
 from oppload_cli.motion.flow import DenseFlow, Interpolation
 from oppload_cli.motion.rmo import RmoMetrics
 from oppload_cli.pipeline.repeats import EXACT, Repeat
@@ -233,7 +233,7 @@ class DetectorPass:
         lasted = float(self._count - 1)  # intervals
         if self._per_second:
             lasted = (time_s - self._first_s) * self._per_second
-        return bank.at_rest(lasted + NEARLY_ONE)
+        return bank.at_rest(lasted + ROUNDING)
 
     def _judged(
         self, responses: dict[str, Response | None], frame: Frame, repeat: Repeat, blind: str
