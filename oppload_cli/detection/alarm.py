@@ -427,7 +427,8 @@ class Cuts:
         is_gap = self._steps.gap_s(time_s) > least_s + ROUNDING_S
         if change is None:  # a detector may respond to the first frame too
             return "start" if self._params.cut_ratio and self._params.blind_s else ""
-        while len(self._changes) > _LEAST_KEPT and self._changes[0][0] < time_s - _MEMORY_S:
+        oldest_s = time_s - _MEMORY_S - ROUNDING_S
+        while len(self._changes) > _LEAST_KEPT and self._changes[0][0] < oldest_s:
             self._changes.popleft()
         if cause := "gap" if is_gap else self._cause_in(photoreceptors, change):
             # The cut lies after the frame before, at every frame rate. But a video starts with its

@@ -69,6 +69,14 @@ def test_it_is_held_against_the_largest_of_five_frames() -> None:
     assert blind([*MOTION, large, *MOTION[:4], cut], blind_s=0.04) == []
 
 
+def test_rounded_times_do_not_decide_how_many_frames_a_cut_is_held_against() -> None:
+    """Of 50 frames/s nine last for 0.18 s, in floats now a little less, now more."""
+    large, small, cut = changed(0.02, 0.3), changed(0.009, 0.3), changed(0.041, 0.9)
+    for before in range(10, 20):
+        after = [*[small] * 8, cut]
+        assert before + 9 not in blind([*[small] * before, large, *after], rate=50, blind_s=0.04)
+
+
 def test_the_latest_three_changes_count_however_old_they_are() -> None:
     """Frames come once in 0.2 s, so that only one change is less than 0.18 s old."""
     large, small, cut = changed(0.02, 0.3), changed(0.009, 0.3), changed(0.041, 0.9)
