@@ -80,8 +80,9 @@ class ArrayLuminance:
             return self._of_plane(Picture(0, 0.0, np.ascontiguousarray(values), bits))
         if values.shape == self._working.shape:
             return np.asarray(values, np.float32)
-        size = (self._working.width, self._working.height)
-        return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+        from oppload_cli.video.planes import resized  # noqa: PLC0415 - imports PyAV, rarely needed
+
+        return resized(values, (self._working.width, self._working.height))
 
 
 class _VideoInMemory(ABC):

@@ -666,6 +666,15 @@ def test_colours_are_not_rounded_to_grey_of_8_bits() -> None:
     np.testing.assert_array_equal(whole(grey, "it"), whole(grey[..., 0], "it"))
 
 
+@pytest.mark.parametrize("shape", [(60, 80), (40, 200), (200, 50), (180, 240)])
+def test_floats_are_resized_like_codes(shape: tuple[int, int]) -> None:
+    """A frame that is larger than 120 x 160 px is averaged, and a smaller one is interpolated."""
+    codes = np.random.default_rng(5).integers(0, 65536, shape, np.uint16)
+    luminance = ArrayLuminance(WorkingSize(160, 120, 1, 1))
+    floats = luminance(codes / 65535, "it")
+    np.testing.assert_allclose(floats, luminance(codes, "it"), atol=1e-4)
+
+
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
 def test_a_reversed_view_of_bgr_gives_the_luminance_of_its_copy(kind: type) -> None:
     white = 1 if kind is np.float32 else np.iinfo(kind).max
