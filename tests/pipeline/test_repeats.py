@@ -119,6 +119,7 @@ def test_pictures_of_a_regular_pattern_get_even_times(lasts: tuple[int, ...], mo
     found = [repeats.step(frame, k / 30) for k, frame in enumerate(frames)]
     told = np.array([k + 30 * x.shift_s for k, x in enumerate(found) if not x.passed_over])
     assert len(told) == 120
+    assert 30 * repeats._taken_s == pytest.approx(told[-1])  # the next one is later than this
     assert np.diff(told).min() > 0.4
     intervals = np.diff(told)[60:] / np.mean(lasts)
     assert np.sqrt(np.mean((intervals - 1) ** 2)) < most
