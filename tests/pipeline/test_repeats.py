@@ -346,6 +346,22 @@ def test_the_first_pictures_get_even_times_by_all_lengths_of_the_cadence() -> No
     assert counts == (len(told) - 1, known - len(told), known)
 
 
+def test_a_cadence_stays_if_its_runs_are_one_run_when_they_are_recognised_again() -> None:
+    """In a cadence one cell of a repeat, as in frame 5, may change by 0.6 of the usual change."""
+    repeats, shown = Repeats(RepeatParams()), []
+    luma = np.zeros((15, 15), np.float32)
+    for change in (0.1, 0.1, 0.1, 0.1, 1e-3, 0.018, 1e-3, 0.1):
+        luma = luma + np.float32(change)
+        luma[0, 0] += 0.04 * (change == 0.018)
+        shown.append((luma, len(shown) / 30))
+    for frame in shown:
+        assert not repeats.is_cadence
+        repeats.step(*frame)
+    assert repeats.is_cadence
+    assert [each.passed_over for each in repeats.again(shown)[3:6]] == [False, True, True]
+    assert repeats.is_cadence
+
+
 def test_a_second_cadence_does_not_use_the_intervals_of_the_first() -> None:
     """10 and 15 pictures/s, with 2.5 s of 30 pictures/s in between."""
     lasts = [3] * 10 + [1] * 75 + [2] * 10
