@@ -283,6 +283,15 @@ def test_a_part_is_seen_at_the_finest_resolution_that_costs_half(
     assert steps.min() == pytest.approx(spacing, abs=0.02)
 
 
+def test_a_part_has_sixteen_samples_and_a_margin_on_each_side() -> None:
+    flow = DenseFlow()
+    flow.step(np.zeros((240, 320), np.float32))
+    for extent, left, right in ((10, 3, 3), (11, 3, 3), (12, 2, 2), (30, 2, 2)):
+        part = flow._with_margin(20, extent, 80)
+        assert part == slice(4 * (20 - left), 4 * (20 + extent + right))
+    assert flow._with_margin(1, 78, 80) == slice(0, 320)
+
+
 def test_minimum_change_drops_vectors_that_the_search_guessed() -> None:
     before, now = disk((160, 120), 30), disk((160, 120), 32)
     far_away, kept = [
