@@ -87,6 +87,15 @@ def test_the_earlier_frame_alone_has_no_part_of_the_later() -> None:
     assert np.abs(both - moved(0)).max() > 0.1
 
 
+def test_pictures_in_between_do_not_depend_on_frames_before_both() -> None:
+    fresh, used = Interpolation({"both"}), Interpolation({"both"})
+    list(used.step(moved(12), 0))
+    for interpolation in (fresh, used):
+        list(interpolation.step(moved(0), 2))
+    [one], [other] = (list(each.step(moved(-6), 2)) for each in (fresh, used))
+    np.testing.assert_array_equal(one[2], other[2])
+
+
 def test_frames_that_are_too_small_for_the_flow_get_no_pictures() -> None:
     interpolation = Interpolation({"both"})
     for _ in range(2):
