@@ -167,7 +167,7 @@ void presynaptic_sums(const float *now, const float *one_ago, const float *two_a
                     tap += stages[n - 1].taps;
                     const int age = stages[n].age;
                     next[age] = fold_around(maps[age], rings[age], slots, next[age], y, x, height,
-                                        width, scratch);
+                                            width, scratch);
                     if (directional)
                         add_taps(scratch, place, tap, stages[n].taps, 1, &i);
                     else

@@ -43,7 +43,7 @@ INLINE int any_of(mask chosen)
  * 0; the sums of RMO of the opposite, the outward and the inward pairs; the largest RMO of an
  * outward pair; and the number of outward pairs. */
 void rmo_sums(const double *vectors, const double *starts, int n, double opposite_tangent,
-               double outward_tangent, double sides, double *rows, double *out)
+              double outward_tangent, double sides, double *rows, double *out)
 {
     const int room = n + LANES;
     double *unit_x = rows, *unit_y = unit_x + room, *speed = unit_y + room;

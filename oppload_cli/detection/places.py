@@ -86,7 +86,8 @@ class Detection(NamedTuple):
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _NEAR = 0.25  # a peak nearer to an object's focus, in receptive fields, belongs to the object
 _AROUND = 1.15  # enlarges the box, which is up to 10 % too small: the outline shows most growth
-_LEAST_AGE = 1 - ROUNDING  # in intervals, of the compared frame: else growth is too small
+# Least age in intervals of the frame that shows how much an object has grown since then.
+_LEAST_AGE = 1 - ROUNDING
 _GROWTH = 1.25  # growth from one frame to the next shortly before contact
 
 

@@ -164,13 +164,14 @@ def test_small_frames_do_not_fail(shape: tuple[int, int]) -> None:
         assert results == [RmoMetrics()] * 3
 
 
-def test_small_frames_are_reduced_less() -> None:
+def test_small_frames_are_reduced_less_and_have_vectors_every_4_px() -> None:
     x, y = pixels(48, 48)
     flow = DenseFlow()
     flow.motion(texture(x, y))
     motion = flow.motion(texture(x - 1, y))
     assert motion is not None
     assert len(motion.vectors) > 100
+    assert np.diff(np.unique(motion.starts[:, 0])).min() == 4
     assert np.median(motion.vectors[:, 0]) == pytest.approx(1.0, abs=0.15)
 
 
