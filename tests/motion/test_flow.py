@@ -246,6 +246,15 @@ def test_rows_and_columns_beyond_the_last_square_are_left_out() -> None:
     np.testing.assert_array_equal(odd.vectors, even.vectors)
 
 
+def test_the_search_has_the_measured_settings() -> None:
+    """Patches of 8 px every 6 px; ``docs/rmo.md`` links to the measurement."""
+    flow = DenseFlow()
+    flow.step(shifted(0, 0))
+    search = flow._search
+    settings = search.getFinestScale(), search.getPatchSize(), search.getPatchStride()
+    assert settings == (0, 8, 6)
+
+
 def test_grid_and_minimum_speed() -> None:
     before, now = shifted(0, 0), shifted(1, 0)
     coarse = vectors(before, now, RmoParams(grid=40))
