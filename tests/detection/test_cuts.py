@@ -106,6 +106,13 @@ def test_a_second_cut_begins_anew() -> None:
     assert blind([*MOTION, cut, *MOTION[:6], cut, *MOTION], blind_s=0.12) == [8, 9, 10, 15, 16, 17]
 
 
+@pytest.mark.parametrize("without", ["cut_ratio", "blind_s"])
+def test_without_blind_frames_the_first_frame_counts(without: str) -> None:
+    p, mean = changed(0.01, 0.1)
+    cuts = Cuts(AlarmParams().replaced(**{without: 0}))
+    assert [cuts.step(p, change, t / 30) for t, change in enumerate((None, mean))] == ["", ""]
+
+
 @pytest.mark.parametrize(
     ("rate", "stood_still", "frames"), [(30, False, 4), (10, False, 1), (10, True, 2)]
 )
