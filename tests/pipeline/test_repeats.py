@@ -348,7 +348,8 @@ def test_the_first_pictures_get_even_times_by_all_lengths_of_the_cadence() -> No
 
 def test_a_cadence_stays_if_its_runs_are_one_run_when_they_are_recognised_again() -> None:
     """In a cadence one cell of a repeat, as in frame 5, may change by 0.6 of the usual change."""
-    repeats, shown = Repeats(RepeatParams()), []
+    repeats = Repeats(RepeatParams())
+    shown: list[tuple[Luma, float]] = []
     luma = np.zeros((15, 15), np.float32)
     for change in (0.1, 0.1, 0.1, 0.1, 1e-3, 0.018, 1e-3, 0.1):
         luma = luma + np.float32(change)
