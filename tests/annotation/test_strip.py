@@ -186,6 +186,14 @@ def test_ticks_are_at_round_times(
     assert [text for text in texts if text.endswith(" s")][1:] == ticks  # after the clock
 
 
+def test_the_last_number_of_the_time_axis_ends_within_the_frame() -> None:
+    strip = Strip(LAYOUT, BOTH, 0.1)  # the last number is 0.10 s
+    canvas = np.zeros((LAYOUT.height, LAYOUT.width, 3), np.uint8)
+    strip.draw(canvas, record(0))
+    numbers = canvas[LAYOUT.plot.y + LAYOUT.plot.height :]
+    assert np.flatnonzero((numbers < 200).any(axis=(0, 2))).max() < LAYOUT.width - 1
+
+
 def test_ticks_have_numbers_that_move_with_the_window() -> None:
     rows = slice(LAYOUT.plot.y + LAYOUT.plot.height, None)
     at = {}
@@ -264,6 +272,13 @@ def test_an_alarm_left_of_the_plot_shades_nothing() -> None:
     canvas, strip = drawn([record(0, alarms={"opplod": True}, rate=0.5), *repeats])
     assert strip.start_s == 5
     assert not (canvas[LAYOUT.plot.slices] == SHADED).all(axis=2).any()
+
+
+def test_without_alarms_a_response_of_0_has_a_ratio_of_0_before_any_other() -> None:
+    strip = Strip(LAYOUT, ["opplod"])
+    for frame, value in enumerate((0.0, 2.0)):
+        strip.add(replace(record(frame, {"opplod": value}), thresholds={"opplod": math.inf}))
+    assert [point.ratio for point in strip.points["opplod"]] == [0, 1]
 
 
 def test_without_alarms_responses_are_over_the_largest_so_far() -> None:

@@ -124,13 +124,16 @@ def test_a_kept_video_plays_and_a_discarded_one_is_gone(tmp_path: Path) -> None:
     for keep in (True, False):
         with open_video(source, colour=True) as video:
             annotated = AnnotatedVideo(target, video, MODELS)
-            for record, _ in zip(analyse(annotated.frames, rmo=None), range(5), strict=False):
+            for record, _ in zip(analyse(annotated.frames, rmo=None), range(8), strict=False):
                 annotated.write(record)
+                assert len(annotated._waiting) <= 5
+            if keep:
+                annotated.finish()  # as where another file could not be written after that
             (annotated.keep if keep else annotated.discard)()
         assert not target.exists()
         assert part.exists() == keep
         if keep:
-            assert len(decoded(part)) == 5
+            assert len(decoded(part)) == 8
 
 
 def test_an_error_of_the_thread_reaches_the_caller(

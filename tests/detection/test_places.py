@@ -2,11 +2,14 @@ from __future__ import annotations
 
 import math
 from copy import copy
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from oppload_cli.detection.places import Places
+from oppload_cli.detection.growth import Contact, Extent
+from oppload_cli.detection.places import Places, Track, _Peak
 from oppload_cli.models.opplod import Opplod
 from tests.detection.showing import LENGTH, RATE, SIZE, approaching, remaining, shown, together
 from tests.media import disk, texture
@@ -61,6 +64,26 @@ def test_an_object_larger_than_the_field_is_followed() -> None:
     for t, tracks in enumerate(found[10:], 10):
         assert [track.identity for track in tracks] == [1]
         assert (tracks[0].x, tracks[0].y) == pytest.approx((90 + 1.5 * (t - 0.5), 120), abs=8)
+
+
+@pytest.mark.parametrize(("around_focus", "column"), [(0.9, 7), (1.1, 2)])
+def test_of_two_units_that_with_more_outward_motion_is_the_object_s(
+    monkeypatch: pytest.MonkeyPatch, around_focus: float, column: int
+) -> None:
+    """The peak is at column 7, with an opponency of 1; the object was at column 2 or 3."""
+    places, centres = Places(PLACES), 8.0 * np.arange(9)
+    opponency = {7: 1.0, 2: around_focus}
+    units: Any = SimpleNamespace(
+        responses=np.zeros((9, 9), np.float32), centres_x=centres, centres_y=centres
+    )
+    products: Any = SimpleNamespace(
+        better_unit=lambda *_: (4, 2), extent=lambda _, at, *__: Extent(9, 9, opponency[at])
+    )
+    places._maps, places._products = units, products
+    monkeypatch.setattr(places, "_estimate_contact", lambda *_: None)
+    track = Track(1, 4, 3, 24, 32, Extent(9, 9, 1), 2, 0, Contact(PLACES))
+    places._follow(track, _Peak(4, 7, 3), 0.1)
+    assert (track.column, track.x, track.response) == (column, 8 * column, 3)
 
 
 def test_two_disks_are_two_objects_that_keep_their_numbers() -> None:
