@@ -27,10 +27,13 @@ help:
 	@echo "make test-lowest run the tests with the lowest versions of libraries that are allowed"
 	@echo "make attack     damaged and hostile input, limits, signals; CASES=5000 SEED=1 (500 and 1)"
 	@echo "make lint       ruff, and mypy --strict"
+	@echo "make style      only ruff"
+	@echo "make types      only mypy --strict"
 	@echo "make format     let ruff format the code"
 	@echo "make docs       refill the generated pages, and build the site into docs/_build/html"
 	@echo "make dist       build and check the source archive and a wheel for each platform"
 	@echo "make bench      measure speed against references; see benchmarks/README.md"
+	@echo "make clean      remove all that the other targets have made, but not benchmarks/results"
 
 # Without PYTHON, a .venv keeps its Python.
 ifneq ($(filter environment command,$(origin PYTHON)),)
@@ -55,7 +58,7 @@ test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses $(JOBS) -m "not long and not slow"
 
 test-failed: .venv/.ready
-	$(BIN)/python -m pytest --numprocesses 0 --last-failed --last-failed-no-failures none
+	$(BIN)/python -m pytest --numprocesses 0 -m "" --last-failed --last-failed-no-failures none
 
 test-long: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses $(JOBS) -m "long and not slow"

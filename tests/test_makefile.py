@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,8 @@ pytestmark = pytest.mark.skipif(
     sys.platform == "win32" or not shutil.which("make"), reason="NOT TESTED: needs make"
 )
 
-MAKEFILE = Path(__file__).parents[1] / "Makefile"
+ROOT = Path(__file__).parents[1]
+MAKEFILE = ROOT / "Makefile"
 ANEW = "-m venv --clear .venv\n"
 VERSION = 'exec {} -c "import sys; sys.version_info = {}; $2"'
 
@@ -71,3 +73,20 @@ def test_the_lowest_versions_refuse_a_python_that_is_too_new_for_them(folder: Pa
     done = make(folder, "test-lowest")
     assert done.stderr.startswith("the lowest versions need Python 3.11 or 3.12; name one: ")
     assert not (folder / ".venv-lowest").exists()
+
+
+def test_a_failed_test_of_any_mark_runs_again(folder: Path) -> None:
+    assert '-m "" --last-failed' in make(folder, "--dry-run", "test-failed").stdout
+
+
+def test_help_has_every_target_and_what_is_called_exists(folder: Path) -> None:
+    phony = re.findall(r"^\.PHONY: (.*)$", MAKEFILE.read_text("utf-8"), re.MULTILINE)
+    targets = {target for line in phony for target in line.split()} - {"help", "another"}
+    described = re.findall(r"^make ([a-z-]+)", make(folder).stdout, re.MULTILINE)
+    assert sorted(described) == sorted(targets)
+    # An archive of the source has no folder of workflows.
+    callers = [*ROOT.glob(".github/workflows/*"), *ROOT.glob(".ci/*"), *ROOT.glob(".pre-commit*")]
+    called = "\n".join(path.read_text("utf-8") for path in [*callers, ROOT / "CONTRIBUTING.md"])
+    words = re.findall(r"(?:run: |entry: |^ *|`)make ((?:[a-z-]+ ?)+)", called, re.MULTILINE)
+    assert {target for each in words for target in each.split()} <= targets
+    assert len(words) > 20
