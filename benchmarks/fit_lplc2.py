@@ -1,11 +1,13 @@
 """Fit preset ``lplc2`` to published peaks, with cross-validation over stimulus families.
 
-``python -m benchmarks.fit_lplc2 [REFERENCE.csv] [--free inward,lateral] [--seed 1]
-[--generations 60] [--cross-validate] [--state fit.npz] [--peaks-only] [--ablate]``. The program
-computes the pooled motion of each stimulus once. A differential evolution then searches the named
-parameters for small differences from the peaks, and for phenomena (statements of several papers)
-within their ranges. With ``--state``, a search that was stopped continues. See docs/lplc2.md.
-"""
+    python -m benchmarks.fit_lplc2 [PEAKS.csv] [--free inward,lateral] [--state fit.npz]
+    python -m benchmarks.fit_lplc2 --peaks-only --cross-validate
+    python -m benchmarks.fit_lplc2 --ablate
+
+The program computes the pooled motion of each stimulus once. A differential evolution then searches
+the named parameters for small differences from the peaks, and for phenomena (statements of several
+papers) within their ranges. docs/development/lplc2-fit.md describes the fit and its result.
+"""  # fmt: skip
 
 from __future__ import annotations
 
@@ -103,14 +105,14 @@ def read_reference(path: Path) -> list[Target]:
     ----------
     path : Path
         A CSV file with the columns ``stimulus``, ``axis_deg``, ``width_deg`` and
-        ``peak_relative_to_loom``. Stimuli have their names in the catalogue, or those in the
-        package's own file.
+        ``peak_relative_to_loom``. Stimuli have the names of their entries in the catalogue, without
+        ``klapoetke2017/``, or those in the package's own file.
 
     Raises
     ------
     ResultError
-        If a stimulus is unknown or has two rows, a peak is no number or below 0, or the loom is
-        missing.
+        If a stimulus is unknown or has two rows, a peak is no finite number or below 0, or the loom
+        is missing.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -132,11 +134,11 @@ def read_reference(path: Path) -> list[Target]:
 
 def _target(where: str, row: Mapping[str, str | None]) -> Target:
     name, axis = row.get("stimulus") or "", row.get("axis_deg") or ""
-    for word in ("right", "down"):
+    for word in ("right", "down"):  # the axis says this too
         name = name.removesuffix(f"_{word}")
     width = row.get("width_deg") or ""
     for family in BATTERY:
-        same_width = not width or family.width_deg == float(width)
+        same_width = not width or family.width_deg == _number(width)
         if name in {family.name, family.published} and same_width:
             break
     else:
@@ -145,17 +147,22 @@ def _target(where: str, row: Mapping[str, str | None]) -> Target:
     wanted = [
         member
         for member in members
-        if len(members) == 1 or (axis and member.endswith(f"-{float(axis):g}"))
+        if len(members) == 1 or (axis and member.endswith(f"-{_number(axis):g}"))
     ]
     if len(wanted) != 1:
         raise ResultError(f"{where}: stimulus '{name}' has no axis '{axis}'")
-    try:
-        peak = float(row.get("peak_relative_to_loom") or "")
-    except ValueError:
-        peak = np.nan
-    if not peak >= 0:
+    peak = _number(row.get("peak_relative_to_loom") or "")
+    if not 0 <= peak < math.inf:
         raise ResultError(f"{where}: the peak must be a number of at least 0")
     return Target(wanted[0], family.name, peak)
+
+
+def _number(text: str) -> float:
+    """Return the number of a cell; NaN if its text is no number."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def stands_for(name: str) -> str:
@@ -341,7 +348,8 @@ def fit(
 
     def keep(intermediate_result: object) -> None:
         if state is not None:
-            np.savez(state, population=intermediate_result.population)  # type: ignore[attr-defined]
+            with state.open("wb") as file:  # NumPy would add a suffix to a name without one
+                np.savez(file, population=intermediate_result.population)  # type: ignore[attr-defined]
 
     found = differential_evolution(
         error, bounds, rng=seed, popsize=6, maxiter=generations, tol=1e-8, polish=False,
@@ -413,13 +421,23 @@ def _ablated(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fit, print the parameters with their spread, and cross-validate if asked."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("reference", type=Path, nargs="?", default=REFERENCE)
-    parser.add_argument("--free", default=",".join(RANGES))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--generations", type=int, default=60)
-    parser.add_argument("--cross-validate", action="store_true")
-    parser.add_argument("--state", type=Path)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "reference", type=Path, nargs="?", default=REFERENCE, help="published peaks"
+    )
+    parser.add_argument(
+        "--free", default=",".join(RANGES), metavar="NAMES", help="parameters to search (all)"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="seed of the search (1)")
+    parser.add_argument("--generations", type=int, default=60, help="most generations (60)")
+    parser.add_argument(
+        "--cross-validate", action="store_true", help="predict each family by a fit to the others"
+    )
+    parser.add_argument(
+        "--state", type=Path, metavar="FILE", help="keep the search here, and continue it from here"
+    )
     parser.add_argument("--peaks-only", action="store_true", help="leave the phenomena out")
     parser.add_argument("--ablate", action="store_true", help="switch parts off; no fit")
     chosen = parser.parse_args(arguments)
