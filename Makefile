@@ -33,7 +33,7 @@ help:
 	@echo "make docs       refill the generated pages, and build the site into docs/_build/html"
 	@echo "make dist       build and check the source archive and a wheel for each platform"
 	@echo "make bench      measure speed against references; see benchmarks/README.md"
-	@echo "make clean      remove all that the other targets have made, but not benchmarks/results"
+	@echo "make clean      remove what the other targets have made; keeps benchmarks/results and compiled loops"
 
 # Without PYTHON, a .venv keeps its Python.
 ifneq ($(filter environment command,$(origin PYTHON)),)

@@ -77,9 +77,11 @@ def _variants() -> list[EvaluatedDetector]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("manifest", type=Path)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("manifest", type=Path, help="the labelled clips, as for oppload evaluate")
+    parser.add_argument("--jobs", type=int, default=1, help="number of processes (1)")
     arguments = parser.parse_args()
     manifest = with_boxes(read_manifest(arguments.manifest))
     variants = _variants()

@@ -1,4 +1,9 @@
-"""Measure speed, by turns with references; write JSON and Markdown."""
+"""Measure speed, in turns with references; write JSON and Markdown into benchmarks/results.
+
+    python -m benchmarks.bench [--only PART ...] [--rounds N] [--cores N] [--video FILE ...]
+
+Only the part `options` takes videos of your own. benchmarks/README.md describes the method.
+"""  # fmt: skip
 
 from __future__ import annotations
 
@@ -180,10 +185,9 @@ def _models(frames: Sequence[Luma], preset: str = "reference") -> Callable[[], N
 
 
 def _run_command(path: Path) -> list[str]:
-    """Return the command `oppload run` on a file."""
-    folder = tempfile.mkdtemp(prefix="oppload-bench-")
+    """Return the command `oppload run` on a file or a folder; its results replace earlier ones."""
     return [
-        *(COMMAND, "run", str(path), "-o", folder, "-q"),
+        *(COMMAND, "run", str(path), "-o", str(RESULTS / "out"), "-q"),
         *("--preset", "reference", "--if-exists", "overwrite"),
     ]
 
@@ -474,12 +478,14 @@ def _page(measured: Sequence[_Measurement], machine: dict[str, Any]) -> str:
 
 def main() -> None:
     """Run the chosen parts, all by default."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--only", choices=PARTS, action="append")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rounds", type=int, default=5, help="turns that are measured (5)")
+    parser.add_argument("--only", choices=PARTS, action="append", help="the part to run")
     parser.add_argument("--cores", type=int, help="use only this many cores")
     parser.add_argument(
-        "--video", type=Path, action="append", default=[], help="for --only options"
+        "--video", type=Path, action="append", default=[], help="a video for the part options"
     )
     options = parser.parse_args()
     parts = PARTS | {"options": partial(_options, videos=options.video)}

@@ -73,11 +73,15 @@ def _self_test(rounds: int) -> bool:
 
 def main() -> None:
     """Parse the command line and exit 0 or 1."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("base", type=Path, nargs="?")
-    parser.add_argument("head", type=Path, nargs="?")
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--self-test", action="store_true")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("base", type=Path, nargs="?", help="folder of the older checkout")
+    parser.add_argument("head", type=Path, nargs="?", help="folder of the newer checkout")
+    parser.add_argument("--rounds", type=int, default=7, help="turns that are measured (7)")
+    parser.add_argument(
+        "--self-test", action="store_true", help="compare this checkout with slower copies of it"
+    )
     options = parser.parse_args()
     if options.self_test:
         sys.exit(0 if _self_test(options.rounds) else 1)

@@ -147,10 +147,14 @@ PARTS = {"annotated": _annotated, "staged": _staged, "presets": _presets, "batch
 
 def main() -> None:
     """Measure the chosen parts, all by default, and print a line per cost."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--only", choices=PARTS, action="append")
-    parser.add_argument("--video", type=Path, action="append", default=[], help="for presets")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rounds", type=int, default=3, help="turns that are measured (3)")
+    parser.add_argument("--only", choices=PARTS, action="append", help="the part to run")
+    parser.add_argument(
+        "--video", type=Path, action="append", default=[], help="a video for the part presets"
+    )
     options = parser.parse_args()
     for name in options.only or PARTS:
         for line in PARTS[name](options.rounds, options.video):

@@ -64,9 +64,8 @@ class Pair(NamedTuple):
     how: str  # how `here` was encoded
     here: Path
     there: Path
-    pictures: tuple[
-        int, ...
-    ] = ()  # number of the picture of each frame of `here`; empty: no repeats
+    # The number of the picture of each frame of `here`; empty if there are no repeats.
+    pictures: tuple[int, ...] = ()
     per_s: Fraction = Fraction(30)  # pictures per second
 
 
@@ -89,8 +88,8 @@ class _KnownRepeats(Repeats):
         return Repeat(shift_s=picture / self._per_s - time_s)
 
 
-class Answer(NamedTuple):
-    """The responses and alarms of a detector on a video."""
+class Measured(NamedTuple):
+    """The peak and the alarms of a detector on a video."""
 
     peak: float  # largest response
     floor: float  # a quarter of the alarm's floor: differences below it mean nothing
@@ -128,15 +127,15 @@ def coded(
     return path
 
 
-def answers(
+def measured(
     path: Path, detectors: Sequence[tuple[str, str]] = DETECTORS, told: Pair | None = None
-) -> tuple[dict[str, Answer], Repeats]:
-    """Return the answers to a video by detector and preset, and its repeats.
+) -> tuple[dict[str, Measured], Repeats]:
+    """Return the peak and alarms of each detector and preset on a video, and its repeats.
 
     `detectors` holds names and presets. `told` tells which picture each frame shows; without it the
     repeats are recognised.
     """
-    found: dict[str, Answer] = {}
+    found: dict[str, Measured] = {}
     repeats = Repeats(RepeatParams())
     for preset in dict.fromkeys(preset for _, preset in detectors):
         names = [name for name, each in detectors if each == preset]
@@ -152,9 +151,11 @@ def answers(
         for name in names:
             responses = [each.response for record in records if (each := record.responses[name])]
             on = [False, *(record.alarms[name] for record in records)]
-            begun = [r.time_s for r, was in zip(records, on, strict=False) if r.alarms[name] > was]
+            begun = [
+                r.time_s for r, was in zip(records, on, strict=False) if r.alarms[name] and not was
+            ]
             floor = alarm_params(preset).floor_of(name) / 4
-            found[f"{name}, {preset}"] = Answer(max(responses, default=0.0), floor, begun)
+            found[f"{name}, {preset}"] = Measured(max(responses, default=0.0), floor, begun)
     return found, repeats
 
 
@@ -198,7 +199,7 @@ def _rate_of(path: Path) -> Fraction:
         return Fraction(container.streams.video[0].average_rate or 30)
 
 
-def compared(here: Answer, there: Answer) -> tuple[float, float]:
+def compared(here: Measured, there: Measured) -> tuple[float, float]:
     """Return the ratio of the peaks, and the largest difference of the alarms' starts in seconds.
 
     The difference is NaN without alarms, and infinite if the numbers of alarms differ.
@@ -258,7 +259,10 @@ def print_shares(videos: Sequence[Path], count: int) -> None:
             for pair in repeated(shown, _rate_of(path), Path(name)):
                 files = {pair.how: (pair.here, pair.pictures)}
                 if pair.how.startswith("twice"):
-                    files[f"no repeats{pair.how[5:]}"] = pair.there, tuple(range(len(shown)))
+                    files[f"no repeats{pair.how.removeprefix('twice')}"] = (
+                        pair.there,
+                        tuple(range(len(shown))),
+                    )
                 for how, (file, pictures) in files.items():
                     found = np.array([counted_repeats(file, pictures, each) for each in SHARES])
                     numbers[how] = numbers.get(how, 0) + found
@@ -275,18 +279,18 @@ def _compared_rows(
 ) -> Iterator[tuple[str, str, list[float]]]:
     """Yield coding, detector and figures: peak, told, alarms in seconds, pictures per second."""
     with TemporaryDirectory() as name:
-        answers_to = cache(lambda path: answers(path)[0])
+        measured_once = cache(lambda path: measured(path)[0])
         if what == "sizes":
             pairs = sizes(path, count, Path(name), start)
         else:
             pairs = repeated(list(planes(path, count, start)), _rate_of(path), Path(name))
         for pair in pairs:
-            found, repeats = answers(pair.here)
-            told = answers(pair.here, told=pair)[0] if pair.pictures else {}
+            found, repeats = measured(pair.here)
+            told = measured(pair.here, told=pair)[0] if pair.pictures else {}
             pictures = repeats.pictures_per_s
-            for detector, answer in found.items():
-                peak, alarms_s = compared(answer, answers_to(pair.there)[detector])
-                of_told = compared(answer, told[detector])[0] if told else np.nan
+            for detector, here in found.items():
+                peak, alarms_s = compared(here, measured_once(pair.there)[detector])
+                of_told = compared(here, told[detector])[0] if told else np.nan
                 yield pair.how, detector, [peak, of_told, alarms_s, pictures or np.nan]
 
 
@@ -298,11 +302,15 @@ def _peaks(ratios: NDArray[np.float64]) -> str:
 
 def main() -> None:
     """Print a row for each video, encoding and detector."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("sizes", "repeats", "shares"))
-    parser.add_argument("videos", nargs="+", type=Path)
-    parser.add_argument("--frames", type=int, default=10**6)
-    parser.add_argument("--starts", type=int, default=1)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=("sizes", "repeats", "shares"), help="see above")
+    parser.add_argument("videos", nargs="+", type=Path, help="files, or `generated`")
+    parser.add_argument("--frames", type=int, default=10**6, help="pictures of each video (all)")
+    parser.add_argument(
+        "--starts", type=int, default=1, help="first pictures at which each video starts (1)"
+    )
     arguments = parser.parse_args()
     if arguments.what == "shares":
         print_shares(arguments.videos, arguments.frames)

@@ -271,9 +271,9 @@ class _Approaches:
         cells = [
             name,
             f"{len(self.leads)} of {self.count}",
-            f"{statistics.median(self.leads):.2f} s",
+            f"{statistics.median(self.leads):.2f} s" if self.leads else "",
             f"{len(self.errors)} of {self.frames}",
-            f"{100 * statistics.median(self.errors):.1f} %",
+            f"{100 * statistics.median(self.errors):.1f} %" if self.errors else "",
             f"{sum(error <= 0.2 for error in self.errors)}",
         ]
         return f"| {' | '.join(cells)} |"
@@ -366,9 +366,12 @@ def _localisation(folder: Path, preset: str) -> Iterator[str]:
         near = _between(boxes, contact)
         with open_video(cast("Path", entry.path), height=240) as video:
             records = list(_analysed(video, preset))
-        hits = {frame: _hit(records[frame].responses["opplod"], box) for frame, box in near.items()}
-        labelled.append([hits[frame] for frame in boxes if frame in hits])
-        every.append(list(hits.values()))
+        inside = {
+            frame: _is_inside(records[frame].responses["opplod"], box)
+            for frame, box in near.items()
+        }
+        labelled.append([inside[frame] for frame in boxes if frame in inside])
+        every.append(list(inside.values()))
         own = [
             overlap(records[frame].detections[0].box, box)
             for frame, box in near.items()
@@ -451,25 +454,26 @@ def _between(labels: dict[int, Box], contact: int) -> dict[int, list[float]]:
 
 def _clip_row(name: str, labelled: list[bool], every: list[bool], overlaps: list[float]) -> str:
     shares = [
-        f"{sum(hits)} of {len(hits)} ({_percent(hits, statistics.mean)})"
-        for hits in (labelled, every)
+        f"{sum(inside)} of {len(inside)} ({_percent(inside, statistics.mean)})"
+        for inside in (labelled, every)
     ]
     overlap = f"{statistics.median(overlaps):.2f} ({len(overlaps)})" if overlaps else ""
     return f"| {name} | {shares[0]} | {shares[1]} | {overlap} |"
 
 
-def _hit(answer: object, box: list[float]) -> bool:
-    if not isinstance(answer, OpplodResponse) or answer.box is None:
+def _is_inside(response: object, box: list[float]) -> bool:
+    """Return whether the centre of the winning unit lies in a box that is enlarged by half."""
+    if not isinstance(response, OpplodResponse) or response.box is None:
         return False
-    (x, y), (left, top, width, height) = answer.box.centre, box
+    (x, y), (left, top, width, height) = response.box.centre, box
     away_x, away_y = abs(x - left - width / 2), abs(y - top - height / 2)
     return away_x <= 0.75 * width and away_y <= 0.75 * height
 
 
 def _interval(clips: list[list[bool]]) -> tuple[float, float]:
-    """Return the 95 % interval of the share of hits, by a bootstrap over clips."""
+    """Return the 95 % interval of the share of frames inside, by a bootstrap over clips."""
     rng = np.random.default_rng(0)
-    counts = np.array([[sum(hits), len(hits)] for hits in clips])
+    counts = np.array([[sum(inside), len(inside)] for inside in clips])
     drawn = counts[rng.integers(0, len(counts), (2000, len(counts)))].sum(axis=1)
     low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
     return float(low), float(high)
@@ -477,15 +481,19 @@ def _interval(clips: list[list[bool]]) -> tuple[float, float]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--clips", type=Path, metavar="FOLDER")
-    parser.add_argument("--rates", action="store_true")
-    parser.add_argument("--roll", action="store_true")
-    parser.add_argument("--vibration", action="store_true")
-    parser.add_argument("--flicker", action="store_true")
-    parser.add_argument("--arrival", action="store_true")
-    parser.add_argument("--cost", type=Path, metavar="FOLDER")
-    parser.add_argument("--preset", default="reference", metavar="NAME")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--clips", type=Path, metavar="FOLDER", help="labelled clips")
+    parser.add_argument("--rates", action="store_true", help="low frame rates")
+    parser.add_argument("--roll", action="store_true", help="a camera that rolls")
+    parser.add_argument("--vibration", action="store_true", help="a camera that vibrates")
+    parser.add_argument("--flicker", action="store_true", help="light that flickers")
+    parser.add_argument("--arrival", action="store_true", help="times of arrival")
+    parser.add_argument("--cost", type=Path, metavar="FOLDER", help="processor time")
+    parser.add_argument(
+        "--preset", default="reference", metavar="NAME", help="of OppLoD (reference)"
+    )
     arguments = parser.parse_args()
     if arguments.clips:
         table = _localisation(arguments.clips, arguments.preset)

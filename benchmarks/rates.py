@@ -392,14 +392,18 @@ def _on_clips(manifest: Path) -> Iterator[str]:
 
 def main() -> None:
     """Measure, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--phases", type=int, default=12)
-    parser.add_argument("--figure", type=Path)
-    parser.add_argument("--preset")
-    parser.add_argument("--between", action="store_true")
-    parser.add_argument("--controls", action="store_true")
-    parser.add_argument("--clips", type=Path, metavar="MANIFEST.csv")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--phases", type=int, default=12, help="shifts (12)")
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also draw the figure")
+    parser.add_argument("--preset", metavar="NAME", help="only OppLoD, under this preset")
+    parser.add_argument("--between", action="store_true", help="frames between are seen too")
+    parser.add_argument("--controls", action="store_true", help="controls at 30 to 240 frames/s")
+    parser.add_argument("--clips", type=Path, metavar="MANIFEST.csv", help="labelled clips")
     arguments = parser.parse_args()
+    if arguments.figure and arguments.preset:
+        parser.error("--figure shows several presets; leave --preset out")
     if arguments.clips:
         lines = _on_clips(arguments.clips)
     elif arguments.controls:

@@ -6,7 +6,6 @@ import resource
 import shutil
 import subprocess
 import sys
-import tempfile
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,8 +82,8 @@ def scenedetect_command(path: Path) -> list[str] | None:
     command = str(beside) if beside.exists() else shutil.which("scenedetect")
     if command is None:
         return None
-    folder = tempfile.mkdtemp(prefix="scenedetect-")
-    return [command, "-q", "-i", str(path), "-o", folder, "detect-content", "list-scenes", "-q"]
+    words = ("-q", "-i", str(path), "-o", str(path.with_name("out")))
+    return [command, *words, "detect-content", "list-scenes", "-q"]
 
 
 def run(command: list[str]) -> None:

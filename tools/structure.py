@@ -226,8 +226,12 @@ def _table(figures: dict[str, float]) -> str:
 
 def main() -> None:
     """Print the figures of a checkout, or write the table of the documentation."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("checkout", type=Path, nargs="?", default=ROOT)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "checkout", type=Path, nargs="?", default=ROOT, help="its folder (this one)"
+    )
     parser.add_argument("--table", action="store_true", help=f"write the figures into {_PAGE.name}")
     arguments = parser.parse_args()
     root = arguments.checkout

@@ -11,10 +11,10 @@ import pytest
 
 from benchmarks.footage import (
     LOSSLESS,
-    answers,
     coded,
     compared,
     generated,
+    measured,
     planes,
     repeated,
     sizes,
@@ -102,11 +102,11 @@ def check(shown: list[Plane], folder: Path, cases: tuple[Case, ...]) -> None:
     for pair in repeated(shown, Fraction(30), folder):
         if pair.how not in limits:
             continue
-        [plain] = answers(pair.there, DEFAULT)[0].values()
-        [told] = answers(pair.here, DEFAULT, pair)[0].values()
-        [answer] = answers(pair.here, DEFAULT)[0].values()
-        ratio, apart = compared(answer, plain)
-        share = compared(answer, told)[0]
+        [plain] = measured(pair.there, DEFAULT)[0].values()
+        [told] = measured(pair.here, DEFAULT, pair)[0].values()
+        [here] = measured(pair.here, DEFAULT)[0].values()
+        ratio, apart = compared(here, plain)
+        share = compared(here, told)[0]
         assert abs(share - 1) <= limits[pair.how].told, (pair.how, share)
         assert abs(ratio - 1) <= limits[pair.how].plain, (pair.how, ratio)
         assert np.isnan(apart) or abs(apart) <= limits[pair.how].pictures / pair.per_s, pair.how
@@ -138,9 +138,9 @@ def test_the_size_of_a_video_changes_little(tmp_path: Path) -> None:
     """The encoder removes most texture from a small picture, and so the background of R."""
     path = coded(tmp_path / "a.mp4", generated(2160, 30), Fraction(30), LOSSLESS)
     for how, here, there, *_ in sizes(path, 30, tmp_path):
-        plain = answers(there)[0]
-        for detector, answer in answers(here)[0].items():
-            ratio, apart = compared(answer, plain[detector])
+        plain = measured(there)[0]
+        for detector, found in measured(here)[0].items():
+            ratio, apart = compared(found, plain[detector])
             limit = LOST.get((detector, how), 0.1)
             assert abs(ratio - 1) < limit, (how, detector)
             assert np.isnan(apart) or abs(apart) < 1.01 / 30, (how, detector)
@@ -174,4 +174,4 @@ def test_a_real_picture_at_rest_panned_slowly_or_faded_is_no_repeat(
             for a, b in zip(frames, grain, strict=True)
         ]
         path = coded(tmp_path / "a.mp4", shown, Fraction(30), crf)
-        assert answers(path, DEFAULT)[1].near == 0, kind
+        assert measured(path, DEFAULT)[1].near == 0, kind

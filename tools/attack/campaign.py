@@ -155,11 +155,17 @@ def table(verdicts: list[Judged]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the attack that the command line asks for; return 1 if a case failed."""
-    parser = argparse.ArgumentParser(prog="python -m tools.attack", description=__doc__)
-    parser.add_argument("--cases", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--folder", type=Path, default=Path("attack"))  # .gitignore names it
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.attack",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--cases", type=int, default=500, help="number of cases (500)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the cases (1)")
+    parser.add_argument("--jobs", type=int, default=2, help="cases at a time (2)")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("attack"), help="for the cases that fail (attack)"
+    )  # .gitignore names it
     parser.add_argument("--only", choices=list(FAMILIES), default="", help="the only family")
     parser.add_argument("--case", type=int, help="the number of the only case")
     options = parser.parse_args(arguments)

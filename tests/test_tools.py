@@ -1,0 +1,65 @@
+"""The programs for developers: their options, and the commands that the pages show."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PROGRAMS = {
+    **{
+        f"python -m benchmarks.{path.stem}": f"benchmarks.{path.stem}"
+        for path in (ROOT / "benchmarks").glob("*.py")
+        if "argparse" in path.read_text("utf-8")
+    },
+    "make bench BENCH=": "benchmarks.bench",
+    "python -m tools.attack": "tools.attack.campaign",
+    "python tools/structure.py": "tools.structure",
+}
+
+
+class ParserMadeError(Exception):
+    """Holds the parser of a program, which then does nothing else."""
+
+
+def parser_of(module: str, monkeypatch: pytest.MonkeyPatch) -> argparse.ArgumentParser:
+    def caught(self: argparse.ArgumentParser, _: object = None) -> None:
+        raise ParserMadeError(self)
+
+    main = import_module(module).main
+    with monkeypatch.context() as during:
+        during.setattr(argparse.ArgumentParser, "parse_args", caught)
+        with pytest.raises(ParserMadeError) as made:
+            main()
+    [parser] = made.value.args
+    assert isinstance(parser, argparse.ArgumentParser)
+    return parser
+
+
+@pytest.mark.long
+def test_the_programs_describe_their_options_and_take_what_the_pages_show(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("docs/**/*.md")]
+    text = "\n".join(page.read_text("utf-8") for page in pages if "_build" not in page.parts)
+    named = set(re.findall(r"python -m benchmarks\.\w+", text))
+    assert named <= PROGRAMS.keys()
+    assert len(PROGRAMS) == 11
+    shown = 0
+    for command, module in PROGRAMS.items():
+        parser = parser_of(module, monkeypatch)
+        for option in parser._actions:
+            assert option.help, (module, option.dest)
+        assert str(import_module(module).__doc__) in parser.format_help(), module
+        for words in re.findall(rf"{re.escape(command)}( [^`#\n]+|\"[^\"]+\")?", text):
+            try:
+                parser.parse_args(shlex.split(words.strip('"')))
+            except SystemExit:
+                pytest.fail(f"a page shows {command}{words}")
+            shown += 1
+    assert shown > 30
