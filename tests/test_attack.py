@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from random import Random
@@ -17,8 +18,9 @@ import pytest
 
 from tools.attack import judge
 from tools.attack.campaign import Judged, isolate, keep, main, table
-from tools.attack.families import make_case, make_material
+from tools.attack.families import FAMILIES, family_of, make_case, make_material
 from tools.attack.judge import Case, Ended, faults, faults_of_process, prepared, shared_memory
+from tools.attack.media import WAYS
 from tools.attack.server import Server
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
@@ -183,6 +185,20 @@ def test_some_cases_of_the_attack(folder: Path, capsys: pytest.CaptureFixture[st
     assert done.out.splitlines()[-1].split()[:3] == ["all", "10", "0"]
     assert list(folder.iterdir()) == []
     assert shared_memory() - before == set()
+
+
+def test_the_families_have_their_shares_and_the_page_states_them() -> None:
+    weights = {name: weight for name, (weight, _) in FAMILIES.items()}
+    every = sum(weights.values())
+    assert Counter(map(family_of, range(every))) == weights
+    page = Path(__file__).parents[1] / "docs" / "development" / "robustness.md"
+    text = page.read_text("utf-8")
+    assert f"damaged in {len(WAYS)} ways" in text
+    rows = re.findall(r"^\| (`.*`) \| (\d+) % \|", text, re.MULTILINE)
+    stated = {tuple(re.findall(r"`(\w+)`", names)): int(share) for names, share in rows}
+    assert {name for names in stated for name in names} == weights.keys()
+    for names, share in stated.items():
+        assert share == round(100 * sum(weights[name] for name in names) / every)
 
 
 def test_the_table_counts_failures() -> None:

@@ -76,7 +76,6 @@ def keep(case: Case, ended: Ended, wrong: list[str], folder: Path) -> None:
         "wrong": wrong,
         "command": shlex.join([*case.command[:1], "-m", "oppload_cli", *case.words]),
         "words": case.words,
-        "in": "in",
         "limits": case.limits,
         "environment": case.environment,
         "closed": case.closed,

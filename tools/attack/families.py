@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 _QUICK = ("--height", "24", "--no-rmo")
 _FIRST_USER = 61_000  # of 4000 users that have no other processes
 _MANIFEST = "file,label,onset_frame,contact_frame"
-# The weight of each family, its share of the cases in hundredths, and the function that makes it.
+# The weight of each family and the function that makes its cases. The share of the cases is the
+# weight divided by the sum of all weights.
 FAMILIES: dict[str, tuple[int, Callable[[Case, Random, Material], None]]] = {}
 _NUMBERS = (
     *("0", "-1", "1", "0.5", "1e308", "-1e400", "1e-400", "nan", "inf", "²", "٣", "9" * 400),
@@ -79,11 +80,16 @@ def make_case(
     number: int, folder: Path, material: Material, random: Random, only: str = ""
 ) -> Case:
     """Return the case of this number; `only` names its family, or is empty."""
-    turns = [name for name, (weight, _) in FAMILIES.items() for _ in range(weight)]
-    family = only or turns[number * 37 % len(turns)]  # 37: neighbours are of different families
+    family = only or family_of(number)
     case = prepared(family, number, folder)
     FAMILIES[family][1](case, random, material)
     return case
+
+
+def family_of(number: int) -> str:
+    """Return the family of a case, such that each family has its share of the cases."""
+    turns = [name for name, (weight, _) in FAMILIES.items() for _ in range(weight)]
+    return turns[number * 37 % len(turns)]  # 37: neighbours are of different families
 
 
 def _family(weight: int) -> Callable[[Callable[[Case, Random, Material], None]], None]:
