@@ -189,7 +189,7 @@ def figures_of_run(root: Path) -> dict[str, float]:
     with TemporaryDirectory() as folder:
         log = Path(folder, "calls")
         tracer = Path(__file__).with_name("tracer.py")
-        command = [sys.executable, str(tracer), str(root.resolve()), str(log), folder]
+        command = [sys.executable, str(tracer), str(root), str(log), folder]
         subprocess.run(command, check=True, capture_output=True)
         pairs = {tuple(line.split(" ")) for line in log.read_text("utf-8").splitlines()}
     layers = {module: layer_of(room_of(module)) for pair in pairs for module in pair if module}

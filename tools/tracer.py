@@ -62,7 +62,7 @@ class _Tracer:
 
 def main() -> None:
     """Make the clip and run the command under the tracer."""
-    root, log, folder = Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3])
+    root, log, folder = (Path(word).resolve() for word in sys.argv[1:])
     clip = folder / "clip.avi"
     code = cv2.VideoWriter.fourcc(*"MJPG")
     writer = cv2.VideoWriter(str(clip), code, 30, (_WIDTH, _HEIGHT))
