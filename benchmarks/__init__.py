@@ -1,1 +1,1 @@
-"""Figures of cost, each against a reference; see README.md."""
+"""Programs that measure speed, cost and the figures of the pages; see README.md."""
