@@ -107,8 +107,7 @@ def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
     graph: Graph = {}
     for module, path in modules.items():
         nodes = _naming(path) if types else _run_when_imported(_tree(path))
-        names = {name for node in nodes for name in _imported_names(node, modules)}
-        graph[module] = names - {module}
+        graph[module] = {name for node in nodes for name in _imported_names(node, modules)}
     return graph
 
 
