@@ -26,7 +26,10 @@ from tools.attack.server import Server
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
 TABLE = "frame,time_s\\n0,0\\n1,0.1\\n"
-SIDECAR = '{\\"decode\\": {\\"analysed\\": 2, \\"complete\\": %s}}'
+RESULT = (
+    f"open('../out/a.frames.csv', 'w').write('{TABLE}'); "
+    "open('../out/a.oppload.json', 'w').write('{\"decode\": {\"analysed\": %s, \"complete\": %s}}')"
+)
 PLANTED = {
     "raise ValueError": ["exit code 1", "standard error has 'Traceback'"],
     "sys.exit('oppload: this is a bug')": ["exit code 1", "standard error has 'this is a bug'"],
@@ -51,6 +54,15 @@ PLANTED = {
         "'a.frames.csv' has frames out of order",
         "'a.frames.csv' has no sidecar",
     ],
+    "open('../out/a.frames.csv', 'w').write('frame,time_s\\n0,0\\n1\\n')": [
+        "'a.frames.csv' has rows of [1, 2] cells",
+        "'a.frames.csv' has no sidecar",
+    ],
+    "open('../out/a.csv', 'w').write('a,b\\n1\\n')": ["'a.csv' has rows of [1, 2] cells"],
+    RESULT % (2, "true"): [],
+    RESULT % (3, "true"): ["'a.frames.csv' has 2 rows and not 3"],
+    RESULT % (2, "false"): ["'a.frames.csv' is incomplete, at exit code 0"],
+    f"{RESULT % (2, 'false')}; print('a word', file=sys.stderr); sys.exit(4)": [],
     "subprocess.Popen(['sleep', '60'], start_new_session=True)": ["left processes: *"],
     "os.fork() or time.sleep(60)": ["left processes: *"],
     "open('../../shm/planted', 'w')": ["shared memory planted"],
@@ -64,6 +76,10 @@ def planted(folder: Path, code: str) -> Case:
     case.command = (sys.executable, "-S", "-c", f"import os, subprocess, sys, time\n{code}")
     case.limit_s = 1
     return case
+
+
+def end(code: int, stderr: str = "", memory: int = 0) -> Ended:
+    return Ended(code, b"", stderr, hung=False, memory=memory, outliving=[])
 
 
 @pytest.mark.parametrize("code", PLANTED)
@@ -90,8 +106,47 @@ def test_remarks_may_have_a_line_each(tmp_path: Path, lines: int, wrong: list[st
         ("c", "{"),
     ):
         (case.out / f"{name}.oppload.json").write_text(text)
-    ended = Ended(0, b"", "x\n" * lines, hung=False, memory=0, outliving=[])
+    assert faults_of_process(case, end(0, "x\n" * lines)) == wrong
+
+
+SIGNAL = (0.1, "SIGTERM", False)
+PLACE = 'Traceback\n  File "/oppload_cli/a.py", line 1, in {}\n'
+
+
+@pytest.mark.parametrize(
+    ("signals", "ended", "results", "wrong"),
+    [
+        ([SIGNAL], end(-15), False, []),  # during the start
+        ([SIGNAL], end(-15), True, ["exit code -15"]),
+        ([SIGNAL, SIGNAL], end(-15), True, []),
+        ([(0.1, "SIGKILL", False)], end(-9), True, []),
+        ([], end(-9), False, ["exit code -9"]),
+        ([SIGNAL], end(1, PLACE.format("<module>")), False, []),
+        (
+            [SIGNAL],
+            end(1, PLACE.format("run")),
+            False,
+            ["exit code 1", "standard error has 'Traceback'"],
+        ),
+    ],
+)
+def test_a_signal_may_end_a_command_only_before_it_handles_signals(
+    tmp_path: Path,
+    signals: list[tuple[float, str, bool]],
+    ended: Ended,
+    results: bool,
+    wrong: list[str],
+) -> None:
+    case = prepared("x", 0, tmp_path / "0")
+    case.signals = signals
+    if results:
+        (case.out / "a.csv").touch()
     assert faults_of_process(case, ended) == wrong
+
+
+def test_too_much_memory_is_a_fault(tmp_path: Path) -> None:
+    case = prepared("x", 0, tmp_path / "0")
+    assert faults_of_process(case, end(0, memory=4 << 30)) == ["took 4096 MB"]
 
 
 def test_a_name_with_a_separator_ends_no_row(tmp_path: Path) -> None:
