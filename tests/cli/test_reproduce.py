@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from docs.generate_reproduction import DOCS, part
 from oppload_cli.reproduction import claims
 from oppload_cli.reproduction.claims import FIGURES, Verdict
 from tests.cli.inside import oppload
@@ -106,6 +107,14 @@ def test_the_report_says_the_same(one_figure: Path) -> None:
     found = [one for claim in figure["claims"] for one in claim["measured"].values()]
     assert parts["measured"] == [one["text"] for one in found]
     assert parts["verdict"] == [one["verdict"] for one in found]
+
+
+@pytest.mark.long
+def test_the_page_of_the_documentation_has_the_same_section(one_figure: Path) -> None:
+    [figure] = json.loads((one_figure / "report.json").read_text())["figures"]
+    page = (DOCS / "reproduction.md").read_text("utf-8")
+    assert "\n".join(part(figure)).strip() in page, "run: python docs/generate_reproduction.py"
+    assert (DOCS / "reproduction" / figure["file"]).exists()
 
 
 @pytest.mark.long
