@@ -63,3 +63,22 @@ def test_the_programs_describe_their_options_and_take_what_the_pages_show(
                 pytest.fail(f"a page shows {command}{words}")
             shown += 1
     assert shown > 30
+
+
+@pytest.mark.long
+def test_approaches_without_an_alarm_have_a_row() -> None:
+    from benchmarks.places import _Approaches
+
+    assert _Approaches(count=2, frames=30).row("60") == "| 60 | 0 of 2 |  | 0 of 30 |  | 0 |"
+
+
+@pytest.mark.long
+def test_the_figure_of_the_rates_is_for_all_presets(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from benchmarks.rates import main
+
+    monkeypatch.setattr("sys.argv", ["rates", "--figure", "a.png", "--preset", "default"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "--figure shows several presets; leave --preset out" in capsys.readouterr().err
