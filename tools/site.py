@@ -146,7 +146,7 @@ def _link_inside(_app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def _changed(*_: object) -> list[str]:
-    """Return the page that follows from the code, where Sphinx does not see its changes."""
+    """Return the page that shows the commands: Sphinx does not see that their code has changed."""
     return ["reference/commands"]
 
 

@@ -146,7 +146,7 @@ def figures_of_source(root: Path) -> dict[str, float]:
     """Return the figures that follow from the source text, by title."""
     modules = modules_of(root)
     text = {name: path.read_text("utf-8") for name, path in modules.items()}
-    trees = {name: ast.parse(each) for name, each in text.items()}
+    trees = {name: _tree(path) for name, path in modules.items()}
     lines = {name: each.count("\n") for name, each in text.items()}
     code = sum(_code_lines(path, trees[name]) for name, path in modules.items())
     public = {name: _public_names(tree) for name, tree in trees.items()}
@@ -201,9 +201,7 @@ def figures_of_run(root: Path) -> dict[str, float]:
 def detector_names(root: Path) -> list[str]:
     """Return the modules outside `models` and `reproduction` whose code names a detector."""
     trees = {
-        name: ast.parse(path.read_text("utf-8"))
-        for name, path in modules_of(root).items()
-        if path.name != "__init__.py"
+        name: _tree(path) for name, path in modules_of(root).items() if path.name != "__init__.py"
     }
     models = (tree for name, tree in trees.items() if room_of(name) == "models")
     detectors = {name for tree in models for name in _names_of_classes(tree)}
