@@ -82,3 +82,28 @@ def test_the_figure_of_the_rates_is_for_all_presets(
     with pytest.raises(SystemExit):
         main()
     assert "--figure shows several presets; leave --preset out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("costs", "said", "code"),
+    [
+        ((1, 1.09, 1), "median 1.090 of 3 rounds, margin 0.100\n", 0),
+        ((1, 1.11, 1), "median 1.110 of 3 rounds, margin 0.100: slower\n", 1),
+        ((0.8, 1.2, 1.2), "median 1.200 of 3 rounds, margin 1.000\n", 0),  # the base itself varies
+    ],
+)
+def test_the_comparison_fails_beyond_its_margin(
+    costs: tuple[float, ...],
+    said: str,
+    code: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from benchmarks import compare
+
+    following = iter(3 * costs)
+    monkeypatch.setattr(compare, "_cost", lambda *_: next(following))
+    monkeypatch.setattr("sys.argv", ["compare", "base", "head", "--rounds", "3"])
+    with pytest.raises(SystemExit) as ended:
+        compare.main()
+    assert (ended.value.code, capsys.readouterr().out) == (code, f"head / base: {said}")
