@@ -23,6 +23,7 @@ from oppload_cli.models.dpc import (
 )
 from oppload_cli.models.opplod_parameters import OpplodResponse
 from oppload_cli.models.opposing_motion import CellJudgement, has_history, pool
+from oppload_cli.models.timebase import ROUNDING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -188,9 +189,9 @@ class ArmsJudgement(CellJudgement):
         `in_field` is the sum of all motion in a unit's field, `motion` that in each direction.
         """
         params = self._params
-        # Each suppression follows from its value an interval ago, not from its latest value. The
-        # sum of the times has rounding errors: 0.99 of an interval counts as one.
-        while len(self._suppressions) > 1 and self._suppressions[1][0] <= self._now - 0.99:
+        # Each suppression follows from its value an interval ago, not from its latest value.
+        latest = self._now - (1 - ROUNDING)
+        while len(self._suppressions) > 1 and self._suppressions[1][0] <= latest:
             self._suppressions.popleft()
         then, before = self._suppressions[0]
         weight = smoothing(max(1.0, self._now - then), params.suppression_s * self._per_second)

@@ -235,7 +235,9 @@ class SteadyView:
         now = grey_levels(small, small.shape)
         view: Motion = np.eye(3)
         if self._latest:
-            before, view = self._latest[-min(len(self._latest), max(1, round(1 / usual_step)))]
+            # At 75 frames/s an interval is 2.5 frames; 0.01 more, and rounding does not decide.
+            frames = max(1, round(1 / usual_step + 0.01))
+            before, view = self._latest[-min(len(self._latest), frames)]
             if (motion := view_motion(before, now)) is not None:
                 view = view @ reduced(motion, 1 / reduction)
         self._latest.append((now, view))
@@ -350,7 +352,9 @@ def seen_from(
 _TOLERANCE, _EDGE = 6 / 255, 10 / 255  # variation of a bar's luminance; least step at its edge
 _BEYOND = 3  # px from the first line of the edge to the line that is tested: scaling blurs edges
 _LEAST_EDGE = 0.8  # least share of the pixels of that line that differ
-_LASTING = 7.5  # intervals that a strip must last to be a bar
+# Intervals that a strip must last to be a bar: a little less than a quarter of a second, which is a
+# whole number of frames at many rates, so that the rounding of the times would decide.
+_LASTING = 7.4
 _WIDEST = 0.45  # largest width of a bar, as a share of the frame's side
 
 
@@ -370,8 +374,8 @@ class Bars:
     """Plain strips along the sides of the frame, as beside a portrait video in a wide frame.
 
     An edge that appears from behind a bar meets no inhibition, like an edge that enters the frame.
-    A strip is a bar if its width has been the same for 7.5 intervals (a quarter of a second). It
-    must also end in a straight edge along most of the side.
+    A strip is a bar if its width has been the same for 7.4 intervals, nearly a quarter of a second.
+    It must also end in a straight edge along most of the side.
 
     Attributes
     ----------

@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 
 _NEIGHBOURS, _WITHIN_6 = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
 _MOST_ELAPSED = 1.3  # largest weight of a frame in intervals; the step at 24 frames/s is 1.25
-_AN_INTERVAL = 0.75  # least age in intervals of the R that counts as that of an interval ago
+# Least age in intervals of the R that counts as that of an interval ago. Not 0.75, which is a whole
+# number of steps at 120 and 240 frames/s: the rounding of the times would decide.
+_AN_INTERVAL = 0.73
 _STILL = 1e-4  # mean P below which the scene is at rest, though an encoder changes it a little
 _POOLED_SIGMAS = 5  # reach of pooling in sigmas: pixels further away weigh less than a millionth
 

@@ -6,15 +6,18 @@ import itertools
 import math
 from fractions import Fraction
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytest
 
 from oppload_cli import run
 from oppload_cli.errors import FrameError, ParameterError
+from oppload_cli.models import camera
 from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.bank import DetectorBank
+from oppload_cli.models.camera import Bars, SteadyView
 from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import DpcParams, excitation, referred
 from oppload_cli.models.layers import Layers, Photoreceptors
@@ -33,6 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from oppload_cli.models.detector import Response
+    from oppload_cli.models.layers import Dpc
     from tests.media import Luma
 
 pytestmark = pytest.mark.once
@@ -144,6 +148,106 @@ def test_of_very_many_frames_some_are_kept(stride: int) -> None:
     assert layer.ready
     assert layer.share == pytest.approx(1, rel=0.07)
     assert len(layer._lumas) <= 18
+
+
+# ---- Rounded times -------------------------------------------------------------------------
+
+
+WRITTEN_RATES = 24, 25, 29.97, 30, 48, 50, 59.94, 60, 75, 90, 100, 119.88, 120, 240
+
+
+def times_in_files(rate: float, count: int) -> list[list[float]]:
+    """Exact times, the same from a later start, and the same in whole microseconds and in ms."""
+    exact = [t / rate for t in range(count)]
+    rounded = ([round(each / unit) * unit for each in exact] for unit in (1e-6, 1e-3))
+    return [exact, [each + 12.345 for each in exact], *rounded]
+
+
+def frames_back(rate: float, ages: Sequence[float]) -> set[int]:
+    """How many frames ago these numbers of intervals are."""
+    return {round(age * rate / 30) for age in ages}
+
+
+@pytest.mark.parametrize("rate", WRITTEN_RATES)
+@pytest.mark.parametrize("stride", [1, 2])
+def test_rounded_times_do_not_choose_which_frames_are_compared(rate: float, stride: int) -> None:
+    found = []
+    for times in times_in_files(rate, 6 * math.ceil(rate / 30 * stride)):
+        clock, ages = Clock(), list[float]()
+        layer = Photoreceptors((1, 1), stride, clock)
+        for t, clock.time_s in enumerate(times):
+            layer.step(np.full((1, 1), 0.01 * (t % 50), np.float32))
+            if layer.ready and layer._latest.before:
+                ages.append(layer._latest.at - layer._latest.before.at)
+        found.append(frames_back(rate, ages))
+    assert found == [found[0]] * len(found)
+    assert len(found[0]) == 1
+
+
+@pytest.mark.parametrize("rate", WRITTEN_RATES)
+def test_rounded_times_do_not_choose_which_r_is_that_of_an_interval_ago(rate: float) -> None:
+    """R is 0 in one frame: so one later frame is sudden."""
+    params = DEFAULT.resolved(24)
+    for gap in range(20, 30):
+        found = []
+        for times in times_in_files(rate, 50):
+            judgement = PooledJudgement((24, 24), params)
+            steps = [nearly_one(30 * (b - a)) for a, b in itertools.pairwise(times)]
+            found.append(
+                [t for t, step in enumerate(steps) if judgement._is_sudden(t != gap, 1, step)]
+            )
+        assert found == [found[0]] * len(found)
+        assert len([t for t in found[0] if t > gap]) == 1
+
+
+@pytest.mark.parametrize("rate", WRITTEN_RATES)
+def test_rounded_times_do_not_choose_which_suppression_is_that_of_an_interval_ago(
+    rate: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nothing = np.zeros((5, 24, 24), np.float32)
+    monkeypatch.setattr(ArmsJudgement, "pooled", lambda *_: (nothing[0], list(nothing[1:])))
+    found = []
+    for times in times_in_files(rate, 50):
+        judgement, ages = ArmsJudgement((24, 24), LPLC2.resolved(24)), list[float]()
+        for before, now in itertools.pairwise(times):
+            elapsed = nearly_one(30 * (now - before))
+            photoreceptors = SimpleNamespace(elapsed=elapsed)
+            judgement.judge(cast("Dpc", SimpleNamespace(photoreceptors=photoreceptors)))
+            ages.append(judgement._now - judgement._suppressions[0][0])
+        found.append(frames_back(rate, ages[20:]))
+    assert found == [found[0]] * len(found)
+    assert len(found[0]) == 1
+
+
+@pytest.mark.parametrize("rate", WRITTEN_RATES)
+def test_rounded_times_do_not_choose_when_a_strip_is_a_bar(rate: float) -> None:
+    luma = np.tile(np.repeat(np.array([0, 1], np.float32), (10, 40)), (40, 1))
+    found = []
+    for usual_step in 30 / rate * np.array([1 - 1e-5, 1, 1 + 1e-5]):
+        bars, frames = Bars(), 0
+        while not bars.widths.left:
+            bars.step(luma, usual_step)
+            frames += 1
+        found.append(frames)
+    assert found == [found[0]] * len(found)
+
+
+@pytest.mark.parametrize("rate", WRITTEN_RATES)
+def test_rounded_times_do_not_choose_from_which_frame_the_view_moves(
+    rate: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen_before = list[int]()
+    monkeypatch.setattr(
+        camera, "view_motion", lambda before, _: seen_before.append(int(before[0, 0]))
+    )
+    for usual_step in 30 / rate * np.array([1 - 1e-5, 1, 1 + 1e-5]):
+        view = SteadyView()
+        for t in range(20):
+            view.step(np.full((2, 2), t / 255, np.float32), usual_step)
+    assert seen_before[:19] == seen_before[19:38] == seen_before[38:]
+
+
+# ---- What is kept of earlier frames --------------------------------------------------------
 
 
 def test_before_the_first_comparison_frames_like_the_first_are_at_rest() -> None:
