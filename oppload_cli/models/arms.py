@@ -222,7 +222,8 @@ class ArmsJudgement(CellJudgement):
             parts = [np.maximum.reduce(directed), *directed]
         pooled = pool(parts, self._down, self._across)
         amount, sum_of_w_e = pooled[0], dpc.kernels.excitation.sum()
-        factor = np.full_like(amount, 1 / sum_of_w_e)
+        # Where inhibition is so strong that W_E is 0, so are E and all motion.
+        factor = np.full_like(amount, 1 / max(sum_of_w_e, 1e-12))
         if photoreceptors.share != 1:
             p = pool(photoreceptors.maps[:1], self._down, self._across)[0]
             scaled = referred(

@@ -120,6 +120,13 @@ def test_motion_that_is_not_graded_is_the_largest_s_of_the_four_pathways() -> No
     assert 0 < parts[0].max() < parts[0].max() + parts[1].max()
 
 
+@pytest.mark.parametrize("graded", [True, False])
+def test_inhibition_that_leaves_no_excitation_leaves_no_response(graded: bool) -> None:
+    model = Opplod((96, 96), PARAMS.replaced(inhibition_strength=4, graded=graded), frame_rate=24)
+    answers = [model.step(edge(30, 2.0 * t)) for t in range(6)]
+    assert answers[3:] == [Opplod.responses(0.0, calcium=0.0)] * 3
+
+
 def test_suppression_and_calcium_take_their_time_at_any_rate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
