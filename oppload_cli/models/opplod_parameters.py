@@ -192,7 +192,7 @@ class OpplodParams(DpcParams):
         "pans, shakes or rolls",
     )
 
-    # Parameters that have an effect with ``judgement=arms`` only (preset ``lplc2``)
+    # Scale of the kernels
     kernel_height: int = parameter(
         0,
         "working height for which the DPC constants in px are given; at another working height "
@@ -201,6 +201,8 @@ class OpplodParams(DpcParams):
         low=0,
         high=8192,
     )
+
+    # Parameters that have an effect with ``judgement=arms`` only (preset ``lplc2``)
     graded: bool = parameter(
         True, "True: the arms use the direction of motion from both axes; False: the four S_phi"
     )

@@ -579,6 +579,17 @@ def test_bars_end_at_the_first_frame_without_them() -> None:
     assert bars.widths == Widths(right=30)
 
 
+@pytest.mark.parametrize(("wide", "left"), [(3, 0), (4, 10)])
+def test_a_bar_ends_in_an_edge_and_not_in_a_thin_line(wide: int, left: int) -> None:
+    """The line 3 px beyond the first one after the strip counts."""
+    bars = Bars()
+    luma = np.zeros((HEIGHT, WIDTH), np.float32)
+    luma[:, 10 : 10 + wide] = 1
+    for _ in range(12):
+        bars.step(luma, 1.0)
+    assert bars.widths.left == left
+
+
 def test_a_plain_ground_around_an_object_is_no_bar() -> None:
     """The lines beside the object are plain, but most of the line with its edge is ground too."""
     bars = Bars()

@@ -127,10 +127,9 @@ def test_a_frame_may_be_too_young_by_a_quarter_of_an_interval(before: float, sha
 
 def test_luminance_above_2_in_the_first_frames_is_an_error() -> None:
     layer = Photoreceptors((2, 3))
-    for t in range(4):
-        if t < 3:
-            with pytest.raises(FrameError, match="divide 8-bit values by 255"):
-                layer.step(np.full((2, 3), 2.1, np.float32))
+    for _ in range(3):
+        with pytest.raises(FrameError, match="divide 8-bit values by 255"):
+            layer.step(np.full((2, 3), 2.1, np.float32))
         layer.step(np.full((2, 3), 2, np.float32))
     layer.step(np.full((2, 3), 2.1, np.float32))
 
