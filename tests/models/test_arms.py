@@ -20,6 +20,7 @@ from oppload_cli.models.arms import (
 from oppload_cli.models.dpc import DpcParams, Kernels
 from oppload_cli.models.layers import Dpc, Layers
 from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.opposing_motion import has_history
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.results.table import columns_for
 from tests import reference
@@ -118,6 +119,26 @@ def test_motion_that_is_not_graded_is_the_largest_s_of_the_four_pathways() -> No
         expected = reference.pooled(s, cell, params.pool_sigma) / sum_of_w_e
         np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6)
     assert 0 < parts[0].max() < parts[0].max() + parts[1].max()
+
+
+def test_motion_that_has_just_begun_does_not_count() -> None:
+    """One edge moves in all frames; two others begin in the third, one beside a weaker change."""
+    layers, found = Layers((96, 160)), []
+    for history in (0, 0.125):
+        params = PARAMS.replaced(history=history).resolved(96)
+        dpc = layers.dpc(params, (0, 90)).layer
+        for t in range(4 if not history else 0):
+            luma = np.zeros((96, 160), np.float32)
+            luma[:, : 10 + 2 * t] = 0.1 + 0.02 * t
+            luma[:, 100:118] = 0.1 * t
+            luma[:, 120 : 120 + 3 * max(0, t - 1)] = 1
+            luma[:, 60 : 60 + 3 * max(0, t - 1)] = 1
+            dpc.step(luma)
+        found.append(ArmsJudgement((96, 160), params).pooled(dpc)[0])
+    every, counted = found
+    lasts = has_history(dpc.photoreceptors.coarse(every.shape), 0.125)
+    np.testing.assert_array_equal(counted, every * lasts)
+    assert 0 < counted.sum() < every.sum()
 
 
 @pytest.mark.parametrize("graded", [True, False])

@@ -28,6 +28,32 @@ def test_agrees_with_the_literal_reference(shape: tuple[int, int]) -> None:
     assert not any(each.any() for each in model.maps.values())
 
 
+@pytest.mark.parametrize("q", [0.8, 1.2])
+def test_the_law_for_other_intervals_agrees_with_its_equations(q: float) -> None:
+    """docs/explanation/frame-times.md; the interval of the earliest change has its own q, 0.6."""
+    rng = np.random.default_rng(3)
+    frames = [rng.random((31, 46), dtype=np.float32) * scale for scale in (0, 0.01, 0.02, 1)]
+    for each in frames[1:]:
+        each[:, :20] = 0.8  # a large change at first, far from the later ones: the threshold
+    clock = Clock()
+    model = Dlgmd((31, 46), layers=Layers((31, 46), clock))
+    for frame, at in zip(frames, np.cumsum([0, 1 / 0.6, 1 / q, 1 / q]), strict=True):
+        clock.time_s = at / 30
+        answer = model.step(frame)
+    p = reference.photoreceptors(frames)
+    e, s = reference.excitation(p), reference.presynaptic(p)
+    t = min(1.2 * 0.6 * p[0].mean(), 0.3)
+    means = [(e.mean(), s.mean())]
+    means.append(tuple(reference.grouped(each, 4, t, 1).mean() for each in (e, s)))
+    expected = [
+        min(q * of_e - (of_e - of_s), q**2 * of_s) if q > 1 else max(q * of_e - (of_e - of_s), 0)
+        for of_e, of_s in means
+    ]
+    assert answer is not None
+    assert [answer.s, answer.response] == pytest.approx(expected, rel=1e-4)
+    assert min(expected) > 1e-3
+
+
 def test_the_threshold_follows_the_change_two_frames_ago_up_to_a_limit() -> None:
     assert threshold(DlgmdParams(), 0.1) == pytest.approx(0.12)
     assert threshold(DlgmdParams(), 0.5) == 0.3
