@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from oppload_cli.errors import DetectorError, OpploadError, ParameterError
+from oppload_cli.errors import DetectorError, FrameError, OpploadError, ParameterError
 from oppload_cli.models.detector import INTERPOLATED, Box, UnitMaps, checked_shape
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.registry import detector_of, is_of_package
@@ -132,11 +132,15 @@ class DetectorBank:
         Raises
         ------
         FrameError
-            If the array is not a luminance image of the right shape.
+            If the array is not a luminance image of the right shape, or the time is not finite.
         DetectorError
             If a detector returns something other than None or a valid instance of its `responses`,
             or if a detector that a user has registered raises an error.
         """
+        if time_s is not None and not math.isfinite(time_s):
+            raise FrameError(
+                f"time_s must be a finite number, not {time_s}; leave it out if it is not known"
+            )
         self.see(luma, time_s)
         return self.respond(luma, time_s)
 

@@ -382,3 +382,15 @@ def test_detectors_read_the_time_of_the_frame() -> None:
     assert layers.time_s == 1.25
     bank.step(frame)
     assert layers.time_s is None
+
+
+@pytest.mark.parametrize("time_s", [float("nan"), float("inf")])
+def test_a_time_that_is_not_finite_is_refused(time_s: float) -> None:
+    """Without the error no later frame would be later than this one."""
+    bank = DetectorBank((9, 9), [DlgmdParams()])
+    frame = np.zeros((9, 9), np.float32)
+    with pytest.raises(FrameError, match=f"finite number, not {time_s}; leave it out"):
+        bank.step(frame, time_s)
+    for t in range(4):
+        response = bank.step(frame, t / 30)["dlgmd"]
+    assert response is not None
