@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli.errors import ResultError
+from oppload_cli.models.columns import RMO
 from oppload_cli.plots import style
 from oppload_cli.plots.naming import labels_of
 from oppload_cli.results.cells import check_numbers
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
 _MOST = 3  # results in one figure
 _INDEX, _MEAN = style.CYCLE[3], style.CYCLE[4]  # as on the HTML pages; OppLoD and D-LGMD differ
 
@@ -74,7 +74,7 @@ def plot_rmo(
         )
     for result in results:
         result.need_responses(())
-        for name in _COLUMNS:
+        for name in (column.name for column in RMO):
             if name not in result.frames.columns:
                 raise ResultError(
                     f"{result.path}: has no column '{name}'; run the input again without --no-rmo "

@@ -66,10 +66,9 @@ _LIVE_FORMAT = "mpjpeg"  # images that a network camera sends one by one over HT
 READ_TIMEOUT_S = 10.0
 _MOST_DEMUX_ERRORS = 100  # most errors without a packet between them
 # These decoders conceal damage without an error: VP8 with frame threads, because it predicts
-# pictures from failed frames, and MPEG-1 and MPEG-2 with slice threads.
+# pictures from failed frames, and MPEG-1 and MPEG-2 with slice threads. The decoder of HEVC does
+# so too, but for its large frames one thread would be too slow.
 _SILENT_CODECS = {"vp8", "mpeg1video", "mpeg2video"}
-# So does HEVC, mostly. But one thread is slow for large frames of it.
-_SILENT_IF_SMALL = {"hevc"}
 # Slice threads decode parts of the same frame. With them these codecs give the same pixels for any
 # number of threads. With frame threads the pixels differ, once an earlier frame has been lost.
 _INDEPENDENT_SLICES = {"ffv1", "jpeg2000"}
@@ -113,7 +112,7 @@ class ContainerSource(PictureSource):
         self._errors = 0  # number of errors that decoders have logged in this process
         self._not_coded = 0  # number of declared frames without a picture of their own
         self._same_times = True  # whether all packets so far are presented when they are decoded
-        self._remote, self._only_once = is_address(name), is_read_once(name)
+        self._remote, self._read_once = is_address(name), is_read_once(name)
         self._arrived_s = 0.0  # when the latest packet came
         self._arrivals = Arrivals()
         self._threads = threads
@@ -123,9 +122,10 @@ class ContainerSource(PictureSource):
             codec = self._stream.codec_context
             self._codec = codec.codec.canonical_name
             self._is_small = codec.width * codec.height <= _SMALL_PIXELS
-            silent = _SILENT_CODECS | (_SILENT_IF_SMALL if self._is_small else set())
+            small_hevc = self._codec == "hevc" and self._is_small
+            careful_codecs = _SILENT_CODECS | _INDEPENDENT_SLICES
             # Careful decoding uses no frame threads; an input without a second pass needs it.
-            self._careful = self._only_once or self._codec in silent | _INDEPENDENT_SLICES
+            self._careful = self._read_once or small_hevc or self._codec in careful_codecs
             self._prepare()
             frames = self._reproducibly_decoded()
             first = self._first_of(frames)
@@ -185,7 +185,7 @@ class ContainerSource(PictureSource):
             self.decode.failed(fault)
 
     def _fault(self) -> str | None:
-        if self._only_once:
+        if self._read_once:
             return None
         kind = self._container.format.name
         return fault_of(self.name, kind, read_to=self._read_to, stream=self._stream.id)
@@ -309,7 +309,7 @@ class ContainerSource(PictureSource):
         if first is None:
             reasons = "; ".join(self.decode.messages) or self._fault() or "it holds no frame"
             remedy = "check what the server sends" if self._remote else "check or convert the file"
-            if self._only_once and not self._remote and "mp4" in self._container.format.name:
+            if self._read_once and not self._remote and "mp4" in self._container.format.name:
                 remedy = (
                     "an MP4 with its index at its end cannot be read from a pipe: give the file "
                     "itself, or pipe Matroska"

@@ -39,5 +39,5 @@ def test_without_rmo_the_column_is_named(tmp_path: Path) -> None:
         for row in frame_rows()
     ]
     result = read_result(write_rows(tmp_path / "a.frames.csv", rows))
-    with pytest.raises(ResultError, match=r"no column 'rmo_index'.*without --no-rmo"):
+    with pytest.raises(ResultError, match=r"no column 'rmo_mean'.*without --no-rmo"):
         plot_rmo([result])
