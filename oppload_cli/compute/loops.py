@@ -51,7 +51,7 @@ if TYPE_CHECKING:
         pathways: Mapping[int, Floats]
 
 
-INTERFACE = 12  # the number in maps.c; a build with another number is out of date
+INTERFACE = 13  # the number in maps.c; a build with another number is out of date
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 
 _BAND = 120  # rows that one thread computes at a time: their data stay in the cache
@@ -70,7 +70,6 @@ _SIGNATURES = {
     "group": "piii ff pp ii",
     "pool": "pii pi pi pp",
     "opponent_products": "pp iii pi p",
-    "leave_out_moving": "piii nn ff pppp",
     "rmo_sums": "ppi dd d pp",
 }
 
@@ -251,14 +250,6 @@ def _opponent_products(pooled: Floats, weights: Floats) -> Floats:
     return out[..., :columns]
 
 
-def _leave_out_moving(
-    maps: Sequence[Floats], change: Floats, border: int, least: float, share: float
-) -> None:
-    line, pixel = (stride // change.itemsize for stride in change.strides)
-    first, *firsts = map(_address, (change, *maps))
-    _library().leave_out_moving(first, *change.shape, border, line, pixel, least, share, *firsts)
-
-
 def _rmo_sums(
     starts: Points, vectors: Points, opposite_tolerance: float, outward_tolerance: float, sides: int
 ) -> tuple[int, float, float, float, float, int]:
@@ -276,7 +267,7 @@ def _rmo_sums(
 
 _TWINS: dict[str, Callable[..., Any]] = {
     twin.__name__.removeprefix("_"): twin
-    for twin in (_presynaptic_sums, _group, _pool, _opponent_products, _leave_out_moving, _rmo_sums)
+    for twin in (_presynaptic_sums, _group, _pool, _opponent_products, _rmo_sums)
 }
 
 

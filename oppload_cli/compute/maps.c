@@ -9,7 +9,7 @@
 #include "vectors.h"
 
 /* INTERFACE in compute/loops.py must be the same number. Add 1 when a signature changes. */
-int interface(void) { return 12; }
+int interface(void) { return 13; }
 
 /* Return whether the build for wide vectors runs here: whether the processor has AVX2 and FMA, and
  * the operating system saves the wide registers. The compilers' function for this test needs a
@@ -167,23 +167,4 @@ void opponent_products(const float *passing, const float *opposite, int rows, in
                     STORE(sums + x, LOAD(sums + x) + weight * (LOAD(ahead + x) * LOAD(behind + x)));
             }
         }
-}
-
-/* Set four maps to 0 at the start of each line, up to the first pixel that does not move, and in at
- * most `reach` pixels. A pixel moves if P is at least `least`, and at least `share` times the largest
- * P of the first `border` pixels. Lines are `line` values apart, pixels of a line `pixel` values. */
-void leave_out_moving(const float *p, int lines, int reach, int border, ptrdiff_t line,
-                      ptrdiff_t pixel, float least, float share, float *a, float *b, float *c,
-                      float *d)
-{
-    for (ptrdiff_t n = 0; n < lines; n++) {
-        const ptrdiff_t first = n * line;
-        float needed = 0;
-        for (int x = 0; x < border && x < reach; x++)
-            if (p[first + x * pixel] > needed) needed = p[first + x * pixel];
-        needed = needed * share > least ? needed * share : least;
-        for (int x = 0; x < reach && p[first + x * pixel] >= needed; x++)
-            a[first + x * pixel] = b[first + x * pixel] = c[first + x * pixel] =
-                d[first + x * pixel] = 0;
-    }
 }

@@ -1,4 +1,4 @@
-"""The alarm: on if a response is far above recent responses, or if contact is near."""
+"""The alarm: on if a response is above a floor and far above recent responses."""
 
 from __future__ import annotations
 
@@ -88,12 +88,6 @@ class AlarmParams(Parameters):
         low=0,
         high=1,
     )
-    contact_s: float = _seconds(
-        1.0, "if the time to contact is below this, a smaller response is enough; 0: never"
-    )
-    contact_share: float = parameter(
-        0.1, "below contact_s, evidence is the response divided by this", low=1e-3, high=1
-    )
     hold_s: float = _seconds(
         0.5, "time for which an alarm continues after evidence was last above the release share"
     )
@@ -132,34 +126,6 @@ class AlarmParams(Parameters):
         floor: float | None = getattr(self, f"{name}_floor", None)
         return alarm_floor_of(name) if floor is None else floor
 
-    def evidence(self, response: float, contact_s: float | None) -> float:
-        """Return the evidence, the number that an alarm compares with its threshold.
-
-        Parameters
-        ----------
-        response : float
-            The detector's response, at least 0.
-        contact_s : float or None
-            Time to contact in seconds of the object with the largest response; None or NaN if it
-            is not known.
-
-        Returns
-        -------
-        float
-            The response; if contact is nearer than `contact_s`, the response / `contact_share`.
-
-        Source: ``docs/alarms.md``.
-
-        Examples
-        --------
-        >>> import oppload_cli as oppload
-        >>> params = oppload.alarm_params("default")
-        >>> params.evidence(0.05, None), params.evidence(0.05, 1.2), params.evidence(0.05, 0.8)
-        (0.05, 0.05, 0.5)
-        """
-        near = contact_s is not None and contact_s < self.contact_s
-        return response / self.contact_share if near else response
-
     def __reduce__(self) -> tuple[object, ...]:
         # The class with the floors is made at run time, so that another process must make its own.
         names = tuple(name.removesuffix("_floor") for name in self.names() if "_floor" in name)
@@ -167,11 +133,10 @@ class AlarmParams(Parameters):
 
 
 # Presets under which alarms have other parameters than under preset default.
-_TWO_OF_THREE = {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09, "contact_s": 0.0}
+_TWO_OF_THREE = {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09}
 _ALARMS: dict[str, dict[str, float]] = {
     "reference": _TWO_OF_THREE,
     "paper": _TWO_OF_THREE,
-    "lplc2": {"contact_s": 0.0},
 }
 
 
@@ -255,8 +220,8 @@ class Alarm:
     """The alarm of one detector over one video.
 
     The alarm uses past frames only, so that a robot and a video file give the same alarms. A frame
-    counts if its evidence (:meth:`AlarmParams.evidence`) is above the threshold. The threshold is
-    `factor` times the median response of the background, and at least the detector's floor. The
+    counts if its evidence (the response; in a blind frame 0) is above the threshold. The threshold
+    is `factor` times the median response of the background, and at least the detector's floor. The
     background is `background_s` seconds long and ends `guard_s` before the frame.
 
     Parameters
@@ -312,9 +277,7 @@ class Alarm:
         response: float,
         time_s: float,
         *,
-        contact_s: float | None = None,
         blind: bool = False,
-        sudden: bool = False,
     ) -> bool:
         """Take the response to the next frame.
 
@@ -324,14 +287,8 @@ class Alarm:
             The detector's response, at least 0.
         time_s : float
             The frame's presentation time in seconds.
-        contact_s : float, optional
-            Time to contact in seconds of the object with the largest response, above 0; None if
-            not known.
         blind : bool
             Whether the frame does not count (see :class:`Cuts`).
-        sudden : bool
-            Whether no alarm may start with the response
-            (:attr:`~oppload_cli.models.detector.Response.sudden`).
 
         Returns
         -------
@@ -346,8 +303,8 @@ class Alarm:
         background = self._background.step(response, time_s)
         self.threshold = max(self._floor, self.params.factor * background)
         share = self.params.release if self._on and not ended else 1.0
-        self.evidence = self.params.evidence(response, contact_s)
-        above = self.evidence > share * self.threshold and not blind and (self._on or not sudden)
+        self.evidence = 0.0 if blind else response
+        above = self.evidence > share * self.threshold
         enough = self._long_enough(above, time_s, before_s)
         self._counted = enough and not ended and time_s >= self._ready_s - ROUNDING_S
         if self._counted:

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-import cv2
 import numpy as np
 
-from oppload_cli.models.dpc import smaller
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.timebase import ROUNDING_S
 from oppload_cli.schema import Parameters, parameter
@@ -21,26 +19,16 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.detector import UnitMaps
     from oppload_cli.models.dpc import Map
+    from oppload_cli.motion.growth import Growth
 
     Floats = NDArray[np.float64]
-    Region = tuple[float, float, float, float]
 
 
 _WINDOW = 2.0  # half side of the window in which an object's motion is measured, in half sizes
 _LEAST_WINDOW = 3  # least half side in cells; a smaller window shows one blurred point only
 _WINDOWS = 4  # most windows that are tried; the size settles in two or three
-SIDE = 24  # number of samples across a region
-_ROUNDS = 3  # rounds of the least squares fit
-_LEAST_SEEN = 0.15  # share of the region's samples that both frames must show
-_MOST_GROWTH = 4.0  # largest growth, and largest shrinking, between the two frames
-_FURTHEST = 1.0  # largest displacement of the middle, in half sizes
-_NOISE = 1 / 255  # noise of a sample: one grey level of 8 bits
-_ALIKE = 9  # errors of 3 x 3 neighbouring samples are correlated: one in 9 is independent
 _MOST_SAMPLES = 256  # largest number of growths kept, for very high frame rates
 _TOO_FAR = 2.5  # contact times further from the mean, in standard deviations, are dropped once
-_PRIOR = _NOISE**2 * np.eye(4)  # keeps a, b, k or w small if the frame does not determine it
-_BEYOND = -1e3  # value of samples outside the frame; luminance is at least 0
-_NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +48,7 @@ class PlaceParams(Parameters):
 
     _set: ClassVar[str] = "places"
 
-    floor: float = parameter(1e-3, "least response of an object", low=0, high=1e9)
+    floor: float = parameter(1e-5, "least response of an object", low=0, high=1e9)
     share: float = parameter(
         0.01,
         "least response of an object, as a share of the largest response of the frame",
@@ -235,156 +223,12 @@ def _spacing(centres: Floats) -> float:
     return float(centres[1] - centres[0]) if len(centres) > 1 else 1.0
 
 
-class Growth(NamedTuple):
-    """The growth of an object between two frames.
-
-    Attributes
-    ----------
-    shrinkage : float
-        Earlier size divided by later size, minus 1: below 0 for an object that grew.
-    error : float
-        Standard error of the shrinkage.
-    """
-
-    shrinkage: float
-    error: float
-
-
-class Pyramid:
-    """A working frame, and on demand the same frame at 1/2, 1/4 ... of its size.
-
-    Parameters
-    ----------
-    luma : ndarray of float32, shape (height, width)
-        Luminance, 0 to 1; it is kept, not copied.
-    """
-
-    def __init__(self, luma: Map) -> None:
-        self._levels = [luma]
-
-    def samples(self, region: Region, level: int, turn: float = 0.0) -> Map:
-        """Return evenly spaced samples of a region.
-
-        Parameters
-        ----------
-        region : tuple of float
-            Centre (x, y) and half sizes in pixels of the frame.
-        level : int
-            0 for the frame, 1 for half its size and so on.
-        turn : float
-            Angle in radians by which the samples are turned, clockwise.
-
-        Returns
-        -------
-        ndarray of float32, shape (SIDE, SIDE)
-            Luminance; samples outside the frame are below 0.
-        """
-        while level >= len(self._levels):
-            self._levels.append(smaller(self._levels[-1], 2))
-        x, y, half_x, half_y = region
-        scale = 0.5**level
-        step_x, step_y = 2 * half_x / SIDE * scale, 2 * half_y / SIDE * scale
-        cosine, sine = math.cos(turn), math.sin(turn)
-        to_x, to_y = (step_x * cosine, -step_y * sine), (step_x * sine, step_y * cosine)
-        # Here pixel i covers [i, i + 1); OpenCV's coordinates start at the centre of pixel 0.
-        first_x = x * scale - 0.5 - (SIDE - 1) / 2 * sum(to_x)
-        first_y = y * scale - 0.5 - (SIDE - 1) / 2 * sum(to_y)
-        samples = cv2.warpAffine(
-            self._levels[level],
-            np.array([[*to_x, first_x], [*to_y, first_y]]),
-            (SIDE, SIDE),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=_BEYOND,
-        )
-        return np.asarray(samples, np.float32)
-
-
-def growth(now: Pyramid, before: Pyramid, region: Region, start: float = 0.0) -> Growth | None:
-    """Measure how much the content of a region has grown since an earlier frame.
-
-    Let p be a point of the region, measured from the region's middle, and q the same offset turned
-    by 90 degrees. In the earlier frame the same point of the object is at
-    ``p + (a, b) + k p + w q``: (a, b) is the displacement, k the shrinkage from the later to the
-    earlier frame, and w the turn, as by a camera that rolls. Least squares over the region's
-    ellipse give a, b, k and w; each round applies them to the region of the earlier frame.
-
-    Parameters
-    ----------
-    now, before : Pyramid
-        The later and the earlier frame.
-    region : tuple of float
-        Centre (x, y) and half sizes in the later frame, in its pixels.
-    start : float
-        First guess of the shrinkage, above -1.
-
-    Returns
-    -------
-    Growth or None
-        None if the content of the region is not found in the earlier frame.
-
-    Source: ``docs/explanation/boxes.md``, "Time to contact".
-    """
-    x, y, half_x, half_y = region
-    # At this level the region has about SIDE to 2 SIDE pixels across.
-    level = max(0, math.floor(math.log2(2 * math.sqrt(half_x * half_y) / SIDE)))
-    later = now.samples(region, level)
-    seen, slopes = _slopes(later, half_x / half_y)
-    exact = slopes.astype(np.float64)  # the matrix is nearly singular for a single straight edge
-    _, inverse = cv2.invert(exact @ exact.T + _PRIOR)
-    flat = later.ravel()
-    scale, a, b, turn = 1 + start, 0.0, 0.0, 0.0
-    for _ in range(_ROUNDS):
-        region = (x + a * half_x, y + b * half_y, scale * half_x, scale * half_y)
-        earlier = before.samples(region, level, turn).ravel()
-        in_both_frames = seen & (earlier >= 0)
-        count = int(np.count_nonzero(in_both_frames))
-        if count < _LEAST_SEEN * SIDE**2:
-            return None
-        residual = (earlier - flat) * in_both_frames
-        moved_a, moved_b, shrunk, turned = (inverse @ (slopes @ residual)).tolist()
-        if shrunk <= -1:
-            return None
-        scale /= 1 + shrunk
-        a, b, turn = a - scale * moved_a, b - scale * moved_b, turn - turned
-        if not 1 / _MOST_GROWTH < scale < _MOST_GROWTH or max(abs(a), abs(b)) > _FURTHEST:
-            return None
-    variance = max(float(residual @ residual) / count, _NOISE**2)
-    return Growth(scale - 1, math.sqrt(_ALIKE * variance * float(inverse[2, 2])))
-
-
-def _slopes(here: Map, aspect: float) -> tuple[NDArray[np.bool_], Map]:
-    """Return which samples count, and each sample's derivatives with respect to a, b, k and w.
-
-    `aspect` is the width of the region divided by its height.
-    """
-    across, down, within = _grid()
-    seen = within & (cv2.erode(here, _NEIGHBOURS) >= 0)
-    slopes = np.zeros((4, SIDE, SIDE), np.float32)
-    slopes[0, :, 1:-1] = here[:, 2:] - here[:, :-2]
-    slopes[1, 1:-1] = here[2:] - here[:-2]
-    slopes *= seen * np.float32(SIDE / 4)  # differences over two samples, made per half size
-    slopes[2] = slopes[0] * across + slopes[1] * down
-    slopes[3] = slopes[1] * across * aspect - slopes[0] * down / aspect
-    return seen.ravel(), slopes.reshape(4, -1)
-
-
-@cache
-def _grid() -> tuple[Map, Map, NDArray[np.bool_]]:
-    """Return the offset (x, y) of each sample in half sizes, and which samples are inside."""
-    along = (2 * np.arange(SIDE) + 1 - SIDE) / SIDE
-    across, down = np.meshgrid(along.astype(np.float32), along.astype(np.float32))
-    inside = np.zeros((SIDE, SIDE), bool)
-    inside[1:-1, 1:-1] = (across**2 + down**2 <= 1)[1:-1, 1:-1]
-    return across, down, inside
-
-
 class Contact:
     """The growth of one object, and its time to contact.
 
     If an object approaches at constant speed, its size in the frame is ``s = A / (T - t)``. So a
-    shrinkage k since ``t - d`` gives the time of contact, ``T = t - d (1 + 1 / k)``. The mean of
-    several such times, weighted by their standard errors, is a better estimate.
+    growth k since ``t - d`` gives the time of contact, ``T = t + d / k``. The mean of several such
+    times, weighted by their standard errors, is a better estimate.
 
     Parameters
     ----------
@@ -411,20 +255,12 @@ class Contact:
             If it is at most its standard error, nothing approaches, and earlier growths are
             forgotten. If its error is above the share `largest_error` of it, it is left out.
         """
-        shrinkage, error = growth
-        if shrinkage + error >= 0:
+        grown, error = growth
+        if grown <= error:
             self._samples.clear()
-        elif error < -shrinkage * self._params.largest_error:
-            contact_s = time_s - passed_s * (1 + 1 / shrinkage)
-            contact_error = passed_s * error / shrinkage**2
-            self._samples.append((time_s, contact_s, contact_error, passed_s))
-
-    def expected(self, time_s: float, before_s: float) -> float:
-        """Return the shrinkage between two times that the latest growth predicts, else 0."""
-        if not self._samples:
-            return 0.0
-        contact_s = self._samples[-1][1]
-        return (before_s - time_s) / (contact_s - before_s) if contact_s > time_s else 0.0
+        elif error < grown * self._params.largest_error:
+            contact_error = passed_s * error / grown**2
+            self._samples.append((time_s, time_s + passed_s / grown, contact_error, passed_s))
 
     def remaining(self, time_s: float) -> tuple[float, float] | None:
         """Return the time to contact and its error.

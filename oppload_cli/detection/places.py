@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 
-from oppload_cli.detection.growth import Contact, Extent, Products, Pyramid, growth
+from oppload_cli.detection.growth import Contact, Extent, Products
 from oppload_cli.models.detector import Box
-from oppload_cli.models.timebase import ROUNDING, ROUNDING_S
+from oppload_cli.models.timebase import ROUNDING_S
+from oppload_cli.motion.growth import growth_within
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from oppload_cli.detection.growth import PlaceParams
     from oppload_cli.models.detector import Response, UnitMaps
     from oppload_cli.models.dpc import Map
+    from oppload_cli.motion.flow import Flow
     from oppload_cli.video.frames import WorkingSize
     from oppload_cli.video.optics import Optics, View
 
@@ -86,8 +87,6 @@ class Detection(NamedTuple):
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _NEAR = 0.25  # a peak nearer to an object's focus, in receptive fields, belongs to the object
 _AROUND = 1.15  # enlarges the box, which is up to 10 % too small: the outline shows most growth
-# Least age in intervals of the frame that shows how much an object has grown since then.
-_LEAST_AGE = 1 - ROUNDING
 _GROWTH = 1.25  # growth from one frame to the next shortly before contact
 
 
@@ -190,37 +189,32 @@ class Track:
 
 
 class Places:
-    """The looming objects of one video, from one frame to the next.
-
-    The class uses past frames only, and keeps the frames of the latest interval.
+    """The looming objects of one video, from one frame to the next; past frames only.
 
     Parameters
     ----------
     params : PlaceParams
         Parameters of the search.
-    interval_s : float
-        Time in seconds between the frames that are compared; 0: from frame to frame.
     """
 
     _maps: UnitMaps
 
-    def __init__(self, params: PlaceParams, interval_s: float = 0.0) -> None:
-        self._params, self._interval_s = params, interval_s
+    def __init__(self, params: PlaceParams) -> None:
+        self._params = params
         self._products: Products | None = None
         self._tracks: list[Track] = []
         self._count = 0
         self._before_s = math.inf  # time of the frame before
-        self._frames: deque[tuple[float, Pyramid]] = deque()
 
-    def step(self, maps: UnitMaps, luma: Map, time_s: float) -> list[Track]:
+    def step(self, maps: UnitMaps, flow: Flow | None, time_s: float) -> list[Track]:
         """Find the objects of the latest frame.
 
         Parameters
         ----------
         maps : UnitMaps
             The units at that frame.
-        luma : ndarray of float32, shape (height, width)
-            The working frame; it is kept, not copied.
+        flow : Flow or None
+            The motion since an earlier picture; None if it is not known.
         time_s : float
             Time in seconds at which its picture was taken.
 
@@ -230,8 +224,7 @@ class Places:
             The objects of this frame, the largest response first. The frame's winning unit belongs
             to the first object, unless nothing moves outward on both sides of it.
         """
-        self._maps = maps
-        self._keep(luma, time_s)
+        self._maps, self._flow = maps, flow
         peaks = _peaks(maps, self._params)
         self._products = Products(maps) if peaks and maps.pathways else None
         oldest = min(time_s - self._params.gap_s - ROUNDING_S, self._before_s)
@@ -247,13 +240,6 @@ class Places:
                 shown.append(track)
         self._before_s = time_s
         return shown
-
-    def _keep(self, luma: Map, time_s: float) -> None:
-        """Keep this frame, and those from the youngest that is at least an interval older."""
-        old_s = time_s - _LEAST_AGE * self._interval_s
-        while len(self._frames) > 1 and self._frames[1][0] <= old_s:
-            self._frames.popleft()
-        self._frames.append((time_s, Pyramid(luma)))
 
     def _owner(self, peak: _Peak) -> Track | None:
         x, y = self._maps.centres_x[peak.column], self._maps.centres_y[peak.row]
@@ -303,13 +289,10 @@ class Places:
         track.time_to_contact_s = track.time_to_contact_error_s = None
         if not self._products:
             return
-        before_s, before = self._frames[0]
-        passed_s = time_s - before_s
-        if passed_s > 0 and passed_s >= _LEAST_AGE * self._interval_s:
+        if self._flow is not None:
             region = track.x, track.y, _AROUND * track.extent.x, _AROUND * track.extent.y
-            start = track.contact.expected(time_s, before_s)
-            if found := growth(self._frames[-1][1], before, region, start):
-                track.contact.add(time_s, passed_s, found)
+            if found := growth_within(self._flow, region):
+                track.contact.add(time_s, self._flow.passed_s, found)
         if remaining := track.contact.remaining(time_s):
             track.time_to_contact_s, track.time_to_contact_error_s = remaining
 
@@ -323,16 +306,14 @@ class Detections:
         Size of the working frames, and its scale.
     params : PlaceParams
         Parameters of the search.
-    interval_s : float
-        As for :class:`Places`.
     """
 
-    def __init__(self, working: WorkingSize, params: PlaceParams, interval_s: float = 0.0) -> None:
-        self._places = Places(params, interval_s)
+    def __init__(self, working: WorkingSize, params: PlaceParams) -> None:
+        self._places = Places(params)
         self._working = working
         self._cause: int | None = None
 
-    def step(self, maps: UnitMaps, luma: Map, time_s: float) -> tuple[Detection, ...]:
+    def step(self, maps: UnitMaps, flow: Flow | None, time_s: float) -> tuple[Detection, ...]:
         """Find the objects of the latest frame; :meth:`with_alarm` sets their alarms.
 
         Arguments and order are those of :meth:`Places.step`.
@@ -346,7 +327,7 @@ class Detections:
                 time_to_contact_s=track.time_to_contact_s,
                 time_to_contact_error_s=track.time_to_contact_error_s,
             )
-            for track in self._places.step(maps, luma, time_s)
+            for track in self._places.step(maps, flow, time_s)
         )
 
     def with_alarm(

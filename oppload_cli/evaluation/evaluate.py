@@ -254,7 +254,7 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
     contact_s = np.array([each and each.time_to_contact_s for each in objects], float)
     return Output(
         response,
-        np.array([*map(detector.alarm.evidence, response, contact_s)], float),
+        np.array([record.evidence.get(name, np.nan) for record in records], float),
         alarm,
         _boxes(None if each is None else each.box for each in responses),
         _boxes(each and each.box for each in objects),

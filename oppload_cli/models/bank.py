@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.detector import Detector, Response
     from oppload_cli.models.dpc import Map
     from oppload_cli.models.timebase import TimeParams
+    from oppload_cli.motion.flow import Flow
     from oppload_cli.schema import Parameters
 
 
@@ -52,7 +53,7 @@ class DetectorBank:
     ParameterError
         If no detector or no list is given, or one detector is given twice.
     DetectorError
-        If a user's detector cannot be made, or its `interpolated` is not one of the three words.
+        If a user's detector cannot be made, or its `interpolated` is not one of the two words.
 
     Examples
     --------
@@ -113,6 +114,7 @@ class DetectorBank:
         """Forget all frames: the next frame is frame 0."""
         self.responded.clear()
         self._photoreceptors.reset()
+        self._layers.flow().reset()
         for detector in self.detectors.values():
             detector.reset()
 
@@ -159,6 +161,10 @@ class DetectorBank:
         """Take the next frame for `photoreceptors` and `luma_change`; `respond` must follow."""
         self._layers.clock.time_s = time_s
         self._photoreceptors.step(luma)
+
+    def give(self, flow: Flow | None) -> None:
+        """Set the flow of the next frame or picture; without a call the detectors measure it."""
+        self._layers.flow().give(flow)
 
     def respond(
         self, luma: Map, time_s: float | None, between: str = ""

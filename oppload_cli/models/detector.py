@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import Map
 
-# The pictures between frames that a detector gets; the first two are made of these frames.
-INTERPOLATED = ("both", "earlier", "none")
+# The pictures between frames that a detector gets: those made of the earlier frame, or none.
+INTERPOLATED = ("earlier", "none")
 
 
 def checked_shape(shape: object) -> tuple[int, int]:
@@ -105,8 +105,6 @@ class Response:
         At least 0; the larger, the more the frame looks like an approach.
     box : Box or None
         The place of the response, in working pixels; None if it has none.
-    sudden : bool
-        Whether the response came out of nothing, so that no alarm may begin with it.
 
     Examples
     --------
@@ -117,7 +115,6 @@ class Response:
 
     response: float
     box: Box | None = None
-    sudden: bool = field(default=False, kw_only=True, repr=False)
 
 
 def inner(default: float, unit: str, meaning: str) -> Any:
@@ -340,8 +337,8 @@ class Detector(ABC):
     def interpolated(self) -> str:
         """The kind of pictures that the detector also gets between frames that are far apart.
 
-        They are interpolated from ``both`` frames or from the ``earlier`` one; ``none`` for a
-        detector without such pictures. A detector with such pictures has layers of its own, or
+        They are interpolated from the ``earlier`` frame; ``none`` for a detector without such
+        pictures. A detector with such pictures has layers of its own, or
         copies them in `separate`.
         """
         return "none"

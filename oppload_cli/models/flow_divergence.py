@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Detector, Response
-from oppload_cli.models.dpc import grey_levels
-from oppload_cli.motion.flow import inverse_search
+from oppload_cli.models.dpc import check_frame
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ class FlowDivergenceParams(Parameters):
 
 
 def largest_divergence(flow: NDArray[np.float32], side: int) -> float:
-    """Return the largest mean divergence over all windows within a frame, at least 0, in 1/frame.
+    """Return the largest mean divergence over all windows within a frame, at least 0.
 
     The divergence du/dx + dv/dy (central differences) is averaged, with its sign, over every
     square window within the frame. By Gauss's theorem this mean is the flow out of the window,
@@ -50,9 +49,9 @@ def largest_divergence(flow: NDArray[np.float32], side: int) -> float:
     Parameters
     ----------
     flow : ndarray of float32, shape (height, width, 2)
-        Motion (x, y) in px/frame.
+        Motion (x, y) between two pictures, in samples.
     side : int
-        Side of a window in px; it is limited to the frame's shorter side.
+        Side of a window in samples; it is limited to the frame's shorter side.
     """
     divergence = np.gradient(flow[..., 0], axis=1) + np.gradient(flow[..., 1], axis=0)
     height, width = divergence.shape
@@ -65,8 +64,8 @@ def largest_divergence(flow: NDArray[np.float32], side: int) -> float:
 class FlowDivergence(Detector):
     """The largest mean divergence of the flow over any window of the frame.
 
-    The flow between consecutive frames is OpenCV's dense inverse search (preset "ultrafast"). The
-    response is the rate at which areas expand.
+    The flow is that of :mod:`oppload_cli.motion.flow`. The response is the expansion of areas
+    between two pictures.
 
     Source: Kroeger et al. 2016 for the flow; ``docs/evaluation.md`` for the measure.
 
@@ -98,19 +97,19 @@ class FlowDivergence(Detector):
         self, shape: tuple[int, int], params: FlowDivergenceParams | None = None, **others: Any
     ) -> None:
         super().__init__(shape, params, **others)
-        self._search = inverse_search(shape, cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        self._flow = self.layers.flow()
         self.reset()
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._before: NDArray[np.uint8] | None = None
+        self._frames = 0
+        self._flow.reset()
 
     def step(self, luma: Map) -> Response | None:
         """Take the next frame; None for the first one."""
-        now = grey_levels(luma, self.shape)
-        before, self._before = self._before, now
-        if before is None:
+        check_frame(luma, self.shape)
+        flow, self._frames = self._flow.of(luma, self._frames), self._frames + 1
+        if flow is None:
             return None
-        flow = np.zeros((*self.shape, 2), np.float32)
-        self._search.calc(before, now, flow)
-        return Response(largest_divergence(flow, round(self.params.window * min(self.shape))))
+        side = round(self.params.window * min(self.shape) / flow.side)
+        return Response(largest_divergence(flow.vectors / np.float32(flow.side), side))

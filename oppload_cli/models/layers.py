@@ -6,7 +6,6 @@ are in :mod:`oppload_cli.models.dpc`.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,7 +16,6 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import FrameError
-from oppload_cli.models.camera import seen_from
 from oppload_cli.models.dpc import (
     Kernels,
     PresynapticSums,
@@ -29,12 +27,13 @@ from oppload_cli.models.dpc import (
     rectified,
 )
 from oppload_cli.models.timebase import ROUNDING, Clock, nearly_one
+from oppload_cli.motion.flow import DenseFlow
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
-    from oppload_cli.models.camera import Motion
     from oppload_cli.models.dpc import DpcParams, Map
+    from oppload_cli.motion.flow import Flow
 
 # Two frames have ages nearest to an interval: one is too young, the other too old. The younger one
 # is taken if it is too young by at most a quarter of the interval, and by at most 0.4 of the time
@@ -43,30 +42,22 @@ if TYPE_CHECKING:
 # overlap the change before it, and meet its inhibition.
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
 _FEW, _MANY = 6, 15  # numbers of latest steps between frames whose medians are taken
-# Frames kept per interval or stride; at higher frame rates some are not kept. All are at 480 and,
-# over a stride of 2, at 240 frames/s, even if their times are whole milliseconds.
+# Frames kept per interval; at higher frame rates some are not kept. All are at 480 frames/s, even
+# if their times are whole milliseconds.
 _MOST_KEPT = 17
-# Luminance at places that an earlier frame does not show. The change to this value is larger than
-# any other, so that P, the smaller one of two changes, is the other change.
-_BEYOND = -1e3
-# Displacements of an object that passes, in the frame at half its size. In the complete frame they
-# are longer than its kernels reach, so that the object's edges are taken for each other.
-_NEAREST, _FARTHEST = 4, 20  # px
-_DISPLACED = np.hypot(*np.mgrid[-_FARTHEST : _FARTHEST + 1, -_FARTHEST : _FARTHEST + 1]) >= _NEAREST
 # Luminance above 2 in one of the first 3 frames is an error: the values are probably 0 to 255.
 _CHECKED_FRAMES, _BRIGHTEST = 3, 2.0
 
 
 @dataclass(slots=True, eq=False)
 class _PastFrame:
-    """What is kept of a frame (also of the latest one): its time, its P and its view."""
+    """What is kept of a frame (also of the latest one): its time and its P."""
 
     at: float  # time in intervals
     change: Map | None = None  # P; None if there was no frame to compare with
     mean: float = 0.0  # of P over the frame
     share: float = 1.0  # the wanted interval divided by the actual one
     before: _PastFrame | None = None  # the frame with which this one was compared
-    view: Motion = field(default_factory=partial(np.eye, 3))  # its motion since the first frame
     # The means of P over squares, by the numbers of squares down and across.
     coarse: dict[tuple[int, int], Map] = field(default_factory=dict)
 
@@ -83,9 +74,6 @@ class Photoreceptors:
     ----------
     shape : tuple of int
         Height and width of the working frames.
-    stride : int
-        Number of intervals over which P compares frames, at least 1. In this class "one interval
-        ago" means one stride ago.
     clock : Clock, optional
         Tells the time of the frames; without it each frame lasts one interval.
 
@@ -95,14 +83,10 @@ class Photoreceptors:
         Number of frames taken.
     elapsed : float
         Intervals from the frame before to the latest one.
-    view : ndarray, shape (3, 3)
-        The motion of the view from the first frame to the next one that `step` takes, as
-        :class:`SteadyView` measures it; set before `step`. P leaves this motion out: P is the
-        smaller one of the changes with and without it.
     """
 
-    def __init__(self, shape: tuple[int, int], stride: int = 1, clock: Clock | None = None) -> None:
-        self.shape, self.stride = shape, stride
+    def __init__(self, shape: tuple[int, int], clock: Clock | None = None) -> None:
+        self.shape = shape
         self._clock = clock or Clock()
         self._no_change: Map = np.zeros(shape, np.float32)
         self.reset()
@@ -116,8 +100,6 @@ class Photoreceptors:
         self._rest = 0.0  # time of the latest frame without any change
         self._latest = _PastFrame(0.0)
         self._lumas: deque[tuple[_PastFrame, Map]] = deque()
-        self.view = self._latest.view
-        self._maps: list[Map] | None = None
 
     @property
     def _series(self) -> tuple[_PastFrame | None, ...]:
@@ -127,21 +109,10 @@ class Photoreceptors:
     @property
     def maps(self) -> list[Map]:
         """P now and one and two intervals ago, 0 to 1; zeros where no frames were compared."""
-        if self._maps is None:
-            self._maps = [
-                self._no_change
-                if each is None or each.change is None
-                else self._seen_now(each, each.change, 0, cv2.INTER_LINEAR)
-                for each in self._series
-            ]
-        return self._maps
-
-    def _seen_now(self, past: _PastFrame, values: Map, outside: float, interpolation: int) -> Map:
-        """Return a map of an earlier frame as the view of the latest frame shows it."""
-        if np.array_equal(past.view, self._latest.view):
-            return values
-        motion = np.linalg.inv(past.view) @ self._latest.view
-        return np.asarray(seen_from(values, motion, outside, interpolation), np.float32)
+        return [
+            self._no_change if each is None or each.change is None else each.change
+            for each in self._series
+        ]
 
     @property
     def share(self) -> float:
@@ -175,7 +146,7 @@ class Photoreceptors:
         oldest = self._series[-1]
         if oldest is None or oldest.before is None:
             return False
-        return self._rest - oldest.before.at <= ROUNDING * self.stride
+        return self._rest - oldest.before.at <= ROUNDING
 
     @property
     def usual_step(self) -> float:
@@ -211,39 +182,6 @@ class Photoreceptors:
             frame.coarse[shape] = np.asarray(means)
         return frame.coarse[shape]
 
-    def not_displaced(self, middle: tuple[float, float], half: float) -> float:
-        """Return the share of P in a square that no displacement of P explains, at least 0.
-
-        The edges of an object that passes move on together, those of an approaching object apart.
-        The share is the smallest sum of squared differences between P of one interval ago in the
-        square and P now, displaced by 4 to 20 px, divided by the sum of squares of P of one
-        interval ago. It is infinite where nothing changed one interval ago.
-
-        Parameters
-        ----------
-        middle : tuple of float
-            Row and column of the middle of the square, in pixels.
-        half : float
-            Half the side of the square, in pixels.
-
-        Source: ``docs/default-equations.md``, section 9.
-        """
-        now, before, _ = self.maps
-        rows, columns = (
-            slice(max(0, round(centre - half)), min(side, round(centre + half)))
-            for centre, side in zip(middle, self.shape, strict=True)
-        )
-        square = before[rows, columns]
-        total = cv2.norm(square, cv2.NORM_L2SQR)
-        if not total:
-            return math.inf
-        # P now, with zeros beyond the frame, in the square and `_FARTHEST` px around it.
-        around = np.pad(now, _FARTHEST)[
-            rows.start : rows.stop + 2 * _FARTHEST, columns.start : columns.stop + 2 * _FARTHEST
-        ]
-        differences = cv2.matchTemplate(around, square, cv2.TM_SQDIFF)
-        return max(0.0, float(differences[_DISPLACED].min()) / total)
-
     def check(self, luma: Map) -> None:
         """Raise the FrameError that `step` would raise for this frame."""
         check_frame(luma, self.shape)
@@ -263,17 +201,13 @@ class Photoreceptors:
             255. The frame is then not taken. Other values outside 0 to 1 are not checked.
         """
         self.check(luma)
-        frame = self._latest = _PastFrame(self._clock.now(self._now), view=self.view)
-        self._maps = None
+        frame = self._latest = _PastFrame(self._clock.now(self._now))
         compared = self._compared_with(frame.at)
         if compared:
             frame.before, luma_before = compared
             frame.change = photoreceptors(luma, luma_before)
-            seen = self._seen_now(frame.before, luma_before, _BEYOND, cv2.INTER_CUBIC)
-            if seen is not luma_before:  # what moved against the ground changed in both views
-                np.minimum(frame.change, photoreceptors(luma, seen), out=frame.change)
             frame.mean = cv2.mean(frame.change)[0]
-            frame.share = nearly_one(self.stride / (frame.at - frame.before.at))
+            frame.share = nearly_one(1 / (frame.at - frame.before.at))
         # Before the first comparison the scene is at rest while frames equal the first one.
         if not (frame.mean if compared else self._lumas and np.any(luma != self._lumas[0][1])):
             self._rest = frame.at
@@ -286,8 +220,8 @@ class Photoreceptors:
 
     def _compared_with(self, now: float) -> tuple[_PastFrame, Map] | None:
         """Return the frame to compare with, and its luminance; forget the luminance before it."""
-        lumas, wanted = self._lumas, now - self.stride
-        while len(lumas) > 1 and lumas[1][0].at <= wanted + ROUNDING * self.stride:
+        lumas, wanted = self._lumas, now - 1
+        while len(lumas) > 1 and lumas[1][0].at <= wanted + ROUNDING:
             lumas.popleft()
         if not lumas:
             return None
@@ -297,13 +231,13 @@ class Photoreceptors:
             # At the start no frame is old enough. Assume a frame one step before the first frame.
             younger, excess = older, excess + now - (self._now or 0.0)
         lacking = younger[0].at - wanted
-        if lacking <= min(_MOST_LACKING * self.stride, _LACKING_OVER_EXCESS * excess):
+        if lacking <= min(_MOST_LACKING, _LACKING_OVER_EXCESS * excess):
             return younger
-        return older if older[0].at <= wanted + ROUNDING * self.stride else None
+        return older if older[0].at <= wanted + ROUNDING else None
 
     def _keep(self, frame: _PastFrame, luma: Map) -> None:
         """Keep a frame for later comparisons, unless it comes very soon after the last kept one."""
-        if not self._lumas or frame.at - self._lumas[-1][0].at >= self.stride / _MOST_KEPT:
+        if not self._lumas or frame.at - self._lumas[-1][0].at >= 1 / _MOST_KEPT:
             self._lumas.append((frame, luma.copy()))
         oldest = self._series[-1]
         if oldest and oldest.before:
@@ -379,6 +313,43 @@ class Dpc:
         return self.ready
 
 
+class FlowLayer:
+    """The flow of the latest frame: given, as by the pass over a video, or measured here.
+
+    Parameters
+    ----------
+    clock : Clock
+        Tells the time of the frames.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._search = DenseFlow(1 / clock.per_second)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self._search.reset()
+        self._now: float | None = None
+        self._given, self._frames = False, 0
+        self._latest: Flow | None = None
+
+    def give(self, flow: Flow | None) -> None:
+        """Set the flow of the next frame; None if it is not known. None is measured from now on."""
+        self._given, self._latest = True, flow
+
+    def of(self, luma: Map, frames: int) -> Flow | None:
+        """Return the flow of a frame; None for the first one.
+
+        `frames` is the number of frames that the caller has taken before. The first detector that
+        asks for a frame measures its flow, and the others get the same.
+        """
+        if not self._given and frames >= self._frames:
+            self._now, self._frames = self._clock.now(self._now), frames + 1
+            self._latest = self._search.step(luma, self._now / self._clock.per_second)
+        return self._latest
+
+
 # ---- Sharing -------------------------------------------------------------------------------
 
 
@@ -445,7 +416,8 @@ class Layers:
     def __init__(self, shape: tuple[int, int], clock: Clock | None = None) -> None:
         self.shape = shape
         self.clock = clock or Clock()
-        self._dpcs: dict[tuple[DpcParams, int], list[Dpc]] = {}
+        self._flow = FlowLayer(self.clock)
+        self._dpcs: dict[DpcParams, list[Dpc]] = {}
         self._others: dict[Hashable, Any] = {}
 
     @property
@@ -453,25 +425,26 @@ class Layers:
         """Presentation time in seconds of the current frame; None if it is not known."""
         return self.clock.time_s
 
-    def photoreceptors(self, stride: int = 1) -> SharedLayer[Photoreceptors]:
-        """Return access to the photoreceptors that compare frames over `stride` intervals."""
-        make = partial(Photoreceptors, self.shape, stride, self.clock)
-        return self.other(("photoreceptors", stride), make)
+    def flow(self) -> FlowLayer:
+        """Return the flow, which a bank gives to its detectors or which they measure."""
+        return self._flow
 
-    def dpc(
-        self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1
-    ) -> SharedLayer[Dpc]:
+    def photoreceptors(self) -> SharedLayer[Photoreceptors]:
+        """Return access to the photoreceptors."""
+        return self.other("photoreceptors", partial(Photoreceptors, self.shape, self.clock))
+
+    def dpc(self, params: DpcParams, axes: tuple[int, ...] = ()) -> SharedLayer[Dpc]:
         """Return access to the DPC layers of some constants and axes.
 
         Only the DPC constants of `params` are used. `axes` is as in :class:`Dpc`, and empty for a
-        detector that needs S only; `stride` is as in :meth:`photoreceptors`.
+        detector that needs S only.
         """
         constants = params.dpc()
-        dpcs = self._dpcs.setdefault((constants, stride), [])
+        dpcs = self._dpcs.setdefault(constants, [])
         for dpc in dpcs:
             if axes in {(), dpc.axes}:
                 return SharedLayer(dpc)
-        dpcs.append(Dpc(constants, axes, self.photoreceptors(stride)))
+        dpcs.append(Dpc(constants, axes, self.photoreceptors()))
         return SharedLayer(dpcs[-1])
 
     def other(self, key: Hashable, make: Callable[[], _AnyLayer]) -> SharedLayer[_AnyLayer]:

@@ -5,42 +5,21 @@ from __future__ import annotations
 from copy import deepcopy
 from typing import TYPE_CHECKING, ClassVar
 
+from oppload_cli.models.agreement import AgreementJudgement
 from oppload_cli.models.arms import ArmsJudgement
-from oppload_cli.models.camera import NO_BARS, Bars, NoiseFilter, SteadyLight, SteadyView, reduced
 from oppload_cli.models.detector import Column, Detector
-from oppload_cli.models.dpc import smaller
-from oppload_cli.models.layers import Layers
 from oppload_cli.models.opplod_parameters import OpplodParams, OpplodResponse
 from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
+from oppload_cli.motion.flow import SHORTEST_SIDE
 
 if TYPE_CHECKING:
     from typing import Any
 
     from oppload_cli.models.detector import UnitMaps
     from oppload_cli.models.dpc import Map
-    from oppload_cli.models.layers import Dpc, SharedLayer
 
-# The paper's model, made to work at any frame rate, without the parts that `default` adds for
-# videos of cameras.
-_REFERENCE = OpplodParams(
-    field_share=5 / 12,
-    cell_share=1 / 30,
-    pool_sigma=1.5,
-    border=0,
-    entering=0,
-    compression=1.0,
-    stride=1,
-    halved_weight=0.0,
-    persistence=0.0,
-    sudden=0.0,
-    passing=0.0,
-    light_s=0.0,
-    residual_noise=0.0,
-    steady_view=False,
-    interpolated="earlier",
-    adaptation_level=0.0,
-    cone=90.0,
-)
+# The paper's model, made to work at any frame rate, without the growth that `default` adds.
+_REFERENCE = OpplodParams(judgement="pooled")
 
 # Tuned to LPLC2 neurons (``docs/lplc2.md``): fields of 60 degrees on displays of 72 degrees.
 _LPLC2 = _REFERENCE.replaced(
@@ -72,7 +51,7 @@ class Opplod(Detector):
 
     Attributes
     ----------
-    judgement : PooledJudgement, PixelwiseJudgement or ArmsJudgement
+    judgement : PooledJudgement, AgreementJudgement, PixelwiseJudgement or ArmsJudgement
         The opposing motion judgement that the parameters ask for.
 
     Source: the OppLoD paper; ``docs/model.md``, sections 1, 2, 4 and 5.
@@ -92,10 +71,10 @@ class Opplod(Detector):
     colour = "#D55E00"
     year = 2023
     reference = "Shuang et al., OppLoD, arXiv:2302.10284"
-    answers_to = "edges that move outward from a centre on opposite sides"
+    answers_to = "edges that move outward from a centre on opposite sides, where the flow grows too"
     made_for = "240 px high, 30 frames/s; other rates by its presentation times"
-    cost_ms = 4.0
-    meaning = "OppLoD: DPC, directional inhibition, opponency, enhancing"
+    cost_ms = 2.6
+    meaning = "OppLoD: DPC, directional inhibition, opponency, enhancing, growth"
     response_column = "", "enhanced response of OppLoD; empty during warm-up"
     responses = OpplodResponse
     parameters = OpplodParams
@@ -113,10 +92,22 @@ class Opplod(Detector):
         ),
         "lplc2": _LPLC2,
     }
-    alarm_floors: ClassVar = {"default": 0.06, "reference": 8e-4}
+    alarm_floors: ClassVar = {"default": 7e-4, "reference": 8e-4}
     by_default = True
     warm_up = 3  # S needs P now, one and two intervals ago
     columns: ClassVar = (
+        Column(
+            "growth",
+            "1/s",
+            "first witness: growth of what is at the place; empty where no flow can be measured",
+            "default",
+        ),
+        Column(
+            "opponency",
+            "",
+            "second witness: largest enhanced response of the units whose fields reach the place",
+            "default",
+        ),
         Column(
             "calcium",
             "",
@@ -132,34 +123,18 @@ class Opplod(Detector):
         self, shape: tuple[int, int], params: OpplodParams | None = None, **others: Any
     ) -> None:
         super().__init__(shape, params, **others)
-        own, layers, clock = self.params, self.layers, self.layers.clock
-        self._make_camera_parts()
-        # The filters change frames, the others P or S, so that layers cannot be shared.
-        if self._filters or own.steady_view or own.entering:
-            layers = Layers(shape, clock)
-        self._dpc = layers.dpc(own, own.both_axes, own.stride)
-        self._half: SharedLayer[Dpc] | None = None
-        self.judgement: PooledJudgement | PixelwiseJudgement | ArmsJudgement
-        if own.judgement == "pooled":
-            if own.halved_weight:
-                half = max(1, shape[0] // 2), max(1, shape[1] // 2)
-                self._half = Layers(half, clock).dpc(own, own.both_axes)
+        own, clock = self.params, self.layers.clock
+        self._dpc = self.layers.dpc(own, own.both_axes)
+        self._measured = min(shape) >= SHORTEST_SIDE
+        self.judgement: PooledJudgement | AgreementJudgement | PixelwiseJudgement | ArmsJudgement
+        if own.judgement == "agreement":
+            self.judgement = AgreementJudgement(shape, own, clock.per_second)
+        elif own.judgement == "pooled":
             self.judgement = PooledJudgement(shape, own, clock.per_second)
         elif own.judgement == "arms":
             self.judgement = ArmsJudgement(shape, own, clock.per_second)
         else:
             self.judgement = PixelwiseJudgement(shape, own)
-
-    def _make_camera_parts(self) -> None:
-        """Make the parts that remove the effects of the camera, without an earlier frame."""
-        params = self.params
-        self._filters: list[SteadyLight | NoiseFilter] = []
-        if params.light_s:
-            self._filters.append(SteadyLight(params.light_s * self.layers.clock.per_second))
-        if params.residual_noise:
-            self._filters.append(NoiseFilter(params.residual_noise))
-        self._view = SteadyView() if params.steady_view else None
-        self._bars = Bars() if params.judgement == "pooled" and params.border else None
 
     @property
     def interpolated(self) -> str:
@@ -188,10 +163,9 @@ class Opplod(Detector):
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._make_camera_parts()
-        for part in (self._dpc, self._half, self.judgement):
-            if part:
-                part.reset()
+        self._dpc.reset()
+        self.layers.flow().reset()
+        self.judgement.reset()
 
     def at_rest(self) -> OpplodResponse:
         """Return the response, 0, to a frame in which nothing changed.
@@ -204,29 +178,13 @@ class Opplod(Detector):
         return OpplodResponse(0.0, calcium=calcium)
 
     def step(self, luma: Map) -> OpplodResponse | None:
-        """Take the next frame: MDE, OMJ, enhancing.
+        """Take the next frame: MDE, OMJ, enhancing, and growth.
 
-        The result is None until frames have been compared over three intervals, at the working size
-        or at half of it.
+        The result is None until frames have been compared over three intervals.
         """
-        dpc = self._dpc.layer
-        photoreceptors = dpc.photoreceptors
-        if self._bars or self._filters or self._view:  # they come before the check by the layers
-            photoreceptors.check(luma)
-        if self._bars:
-            self._bars.step(luma, photoreceptors.usual_step)
-        for each in self._filters:
-            luma = each.step(luma, photoreceptors.usual_step)
-        if self._view:
-            photoreceptors.view = self._view.step(luma, photoreceptors.usual_step)
-            if self._half:
-                self._half.layer.photoreceptors.view = reduced(photoreceptors.view, 2)
+        frames, judgement = self._dpc.frames, self.judgement
         ready = self._dpc.step(luma)
-        if self._half:
-            ready |= self._half.step(smaller(luma, 2))
-        if not ready:
-            return None
-        if not isinstance(self.judgement, PooledJudgement):
-            return self.judgement.judge(dpc)
-        half = self._half.layer if self._half else None
-        return self.judgement.judge(dpc, half, self._bars.widths if self._bars else NO_BARS)
+        if not isinstance(judgement, AgreementJudgement):
+            return judgement.judge(self._dpc.layer) if ready else None
+        judgement.see(self.layers.flow().of(luma, frames), self._dpc.layer.photoreceptors.elapsed)
+        return judgement.respond(self._dpc.layer, measured=self._measured) if ready else None

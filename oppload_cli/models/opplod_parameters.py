@@ -27,10 +27,11 @@ class OpplodParams(DpcParams):
 
     # Opposing motion judgement and enhancing
     judgement: str = parameter(
-        "pooled",
-        "how opposing motion is judged: 'pooled' over cells, 'pixelwise' as in the paper, or by "
-        "the 'arms' of units like LPLC2 neurons",
-        choices=("pooled", "pixelwise", "arms"),
+        "agreement",
+        "how opposing motion is judged: 'pooled' over cells, in 'agreement' of this with the "
+        "growth that the flow shows, 'pixelwise' as in the paper, or by the 'arms' of units like "
+        "LPLC2 neurons",
+        choices=("agreement", "pooled", "pixelwise", "arms"),
     )
     receptive_field: int | None = parameter(
         None,
@@ -47,31 +48,23 @@ class OpplodParams(DpcParams):
         high=1024,
     )
     field_share: float = parameter(
-        1.0,
+        5 / 12,
         "side of the receptive field as a share of the working height, if receptive_field is auto",
         low=0.01,
         high=2,
     )
     cell_share: float = parameter(
-        0.05,
+        1 / 30,
         "side of a cell as a share of the working height, if cell is auto",
         low=0.001,
         high=0.5,
     )
     units: str = parameter("every", "grid of units such as 5x5 (columns x rows), or 'every' cell")
     pool_sigma: float = parameter(
-        1.0, "sigma of the pooling over cells; 0: no pooling", unit="cells", low=0, high=10
+        1.5, "sigma of the pooling over cells; 0: no pooling", unit="cells", low=0, high=10
     )
     axes: int = parameter(
         45, "first axis of opponency; the second is at a right angle", unit="deg", choices=(0, 45)
-    )
-    cone: float = parameter(
-        60.0,
-        "motion counts as outward (inward) if the angle between it and the line from (to) the "
-        "unit's centre is at most this",
-        unit="deg",
-        low=1,
-        high=90,
     )
     periphery: float = parameter(
         1.0, "weight w_p of inward motion, which is subtracted from outward", low=0, high=1000
@@ -80,45 +73,13 @@ class OpplodParams(DpcParams):
         0.0, "threshold of opponency, T_o; at or below it the response is 0", low=0, high=1e9
     )
     gain: float = parameter(1.0, "gain of enhancing, c2", low=0, high=1e9)
-    compression: float = parameter(
-        0.5, "exponent of the pooled S; below 1, contrast matters less", low=0.1, high=2
-    )
 
-    # Motion that is compared, counted or left out
-    stride: int = parameter(
-        2,
-        "intervals between the frames that are compared; judgement=pooled divides S by it",
-        low=1,
-        high=16,
-    )
-    halved_weight: float = parameter(
-        2.0,
-        "weight of the R that is added from the frame at half its size, compared over one "
-        "interval; only with judgement=pooled; 0: none is added",
-        low=0,
-        high=1000,
-    )
+    # Motion that is compared or left out
     interpolated: str = parameter(
-        "both",
+        "earlier",
         "OppLoD also sees pictures between frames 1.7 to 6.7 intervals apart, interpolated from "
-        "both frames or from the earlier one; none: no such pictures",
+        "the earlier one; none: no such pictures",
         choices=INTERPOLATED,
-    )
-    border: int = parameter(
-        6,
-        "S is set to 0 in a strip of this width along the edges of the frame and of bars beside "
-        "the picture; 0: no strip, and no search for bars",
-        unit="px",
-        low=0,
-        high=1000,
-    )
-    entering: int = parameter(
-        24,
-        "S is also set to 0, up to this distance from the edge of the frame or of a bar, where "
-        "motion reaches that edge without a break; 0: nowhere",
-        unit="px",
-        low=0,
-        high=1000,
     )
     history: float = parameter(
         0.125,
@@ -128,68 +89,30 @@ class OpplodParams(DpcParams):
         low=0,
         high=1,
     )
-    passing: float = parameter(
-        0.25,
-        "R is 0 where an object passes: about the unit with the largest R if P of one interval "
-        "ago, displaced by more than the kernels reach, equals P now except for less than this "
-        "share; only with halved_weight above 0; 0: nowhere",
-        low=0,
-        high=1,
-    )
-    persistence: float = parameter(
-        0.45,
-        "share of its former R that a unit keeps after one interval; the time between two frames "
-        "counts as at most 1.3 intervals",
-        low=0,
-        high=0.99,
-    )
-    sudden: float = parameter(
-        0.15,
-        "an alarm begins only if R without persistence, both now and one interval ago, is at least "
-        "this share of R; only with judgement=pooled; 0: no such condition",
-        low=0,
-        high=1,
-    )
-    adaptation_level: float = parameter(
-        0.035,
-        "if the background of R is above this level, R is multiplied by level / background; the "
-        "background is the median of the winning unit's R, which includes the motion that history "
-        "leaves out; 0: never",
-        low=0,
-        high=1e9,
-    )
-    adaptation_s: float = parameter(
-        4.0,
-        "length of the background of R, which ends adaptation_guard_s before the latest frame",
-        low=0.1,
-        high=60,
-    )
-    # With 0.228 s and a quarter of a step, the adaptation begins with the first frame that counts
-    # for the alarm, at 24 frames/s and more.
-    adaptation_guard_s: float = parameter(
-        0.228, "time before the latest frame that the background of R leaves out", low=0, high=60
-    )
 
-    # Changes of the picture by the camera, which are removed
-    light_s: float = parameter(
-        4.0,
-        "time constant with which a lasting change of the light reaches the model; faster changes, "
-        "by lamps or by the camera's exposure, are removed; 0: no change is removed",
-        low=0,
-        high=60,
-    )
-    residual_noise: float = parameter(
-        0.004,
-        "standard deviation of the noise that may be left: a frame with more noise is blurred; "
-        "0: no frame is blurred",
-        unit="luminance",
-        low=0,
+    # Growth, the second witness; only with ``judgement=agreement``
+    growth_share: float = parameter(
+        0.3,
+        "side of the window in which growth is measured, as a share of the working height; the "
+        "focus of expansion may be about as far from its middle",
+        low=0.05,
         high=1,
     )
-    steady_view: bool = parameter(
-        True,
-        "True: P leaves out the turn and the shift of the complete picture, as by a camera that "
-        "pans, shakes or rolls",
+    growth_memory_s: float = parameter(
+        0.1, "time constant with which growth is followed along its motion", low=0, high=10
+    )
+    growth_weight: float = parameter(
+        3.0, "exponent of the growth in its product with the units' response", low=0, high=10
+    )
+    opponency_weight: float = parameter(
+        0.45, "exponent of the units' response in its product with the growth", low=0, high=10
+    )
+    opponency_floor: float = parameter(
+        1e-6,
+        "added to the opponent units' response, so that units which do not see an object, as "
+        "before a ground that moves, lower the product only to a limit",
+        low=1e-12,
+        high=1e9,
     )
 
     # Scale of the kernels
@@ -261,12 +184,13 @@ class OpplodParams(DpcParams):
             self._check_pixelwise()
 
     def _check_pixelwise(self) -> None:
-        zeros = (
-            *("border", "entering", "pool_sigma", "periphery", "halved_weight", "persistence"),
-            *("sudden", "history", "adaptation_level", "light_s", "residual_noise"),
-        )
-        literal: dict[str, object] = {"cell": 1, "cone": 90, "compression": 1, "stride": 1}
-        literal |= {**dict.fromkeys(zeros, 0), "steady_view": False, "interpolated": "none"}
+        literal: dict[str, object] = {
+            "cell": 1,
+            "pool_sigma": 0,
+            "periphery": 0,
+            "history": 0,
+            "interpolated": "none",
+        }
         for name, value in literal.items():
             if getattr(self, name) != value:
                 raise ParameterError(
@@ -282,8 +206,8 @@ class OpplodParams(DpcParams):
         """Return these parameters with the values that depend on the working height filled in.
 
         If `receptive_field` and `cell` are None they become shares of the working height, at least
-        2 and 1 px: 240 and 12 px at 240 px, and 100 and 8 px under preset ``reference``. If
-        `kernel_height` is set, the DPC constants in px are scaled.
+        2 and 1 px: 100 and 8 px at 240 px. If `kernel_height` is set, the DPC constants in px are
+        scaled.
 
         Raises
         ------
@@ -357,7 +281,11 @@ class OpplodResponse(Response):
         Receptive field of the winning unit in working pixels; the object looms at its centre. The
         box may reach over the frame's edge. None if the response is 0.
     opponency : float
-        R of the winning unit before enhancing, at least 0.
+        R of the winning unit before enhancing, at least 0; with ``judgement=agreement`` the
+        enhanced response of the units around the place, ``c2 R^2``.
+    growth : float or None
+        Growth at the place in 1/s, at least 0; None unless ``judgement=agreement``, and where no
+        flow can be measured.
     calcium : float or None
         The largest calcium signal of all units, at least 0; None if ``calcium_s`` is 0.
 
@@ -369,4 +297,5 @@ class OpplodResponse(Response):
     """
 
     opponency: float = 0.0
+    growth: float | None = None
     calcium: float | None = None

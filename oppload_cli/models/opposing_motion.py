@@ -8,18 +8,15 @@ follows the paper's text literally instead.
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from oppload_cli.compute.loops import with_twin
-from oppload_cli.models.camera import NO_BARS, Widths, leave_out_entering
 from oppload_cli.models.detector import UnitMaps
 from oppload_cli.models.dpc import referred
 from oppload_cli.models.opplod_parameters import OpplodResponse
-from oppload_cli.models.timebase import Background
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
-    from oppload_cli.models.layers import Dpc, Photoreceptors
+    from oppload_cli.models.layers import Dpc
     from oppload_cli.models.opplod_parameters import OpplodParams
 
     Floats = NDArray[np.float64]
@@ -35,11 +32,6 @@ if TYPE_CHECKING:
 
 
 _NEIGHBOURS, _WITHIN_6 = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
-_MOST_ELAPSED = 1.3  # largest weight of a frame in intervals; the step at 24 frames/s is 1.25
-# Least age in intervals of the R that counts as that of an interval ago. Not 0.75, which is a whole
-# number of steps at 120 and 240 frames/s: the rounding of the times would decide.
-_AN_INTERVAL = 0.73
-_STILL = 1e-4  # mean P below which the scene is at rest, though an encoder changes it a little
 _POOLED_SIGMAS = 5  # reach of pooling in sigmas: pixels further away weigh less than a millionth
 
 
@@ -60,9 +52,7 @@ def cell_centres(length: int, cell: int, units: int | None = None) -> Floats:
     return np.asarray((length - count * cell) / 2 + (np.arange(count) + 0.5) * cell, np.float64)
 
 
-def pooling_weights(
-    length: int, centres: Floats, sigma: float, border: tuple[int, int] = (0, 0)
-) -> Map:
+def pooling_weights(length: int, centres: Floats, sigma: float) -> Map:
     """Return the weights with which each cell pools the pixels along one side of the frame.
 
     Parameters
@@ -73,8 +63,6 @@ def pooling_weights(
         Centres of the cells in pixels; pixel i covers [i, i + 1).
     sigma : float
         Sigma of the Gaussian in pixels; with 0 each cell takes only the pixel at its centre.
-    border : tuple of int
-        Number of pixels at the start and at the end of the side that have weight 0.
 
     Returns
     -------
@@ -90,7 +78,6 @@ def pooling_weights(
         weights[np.abs(distance) > reach] = 0
     else:
         weights = (np.floor(centres)[:, None] == np.arange(length)).astype(np.float64)
-    weights[:, : border[0]] = weights[:, max(0, length - border[1]) :] = 0
     return np.asarray(weights, np.float32)
 
 
@@ -113,7 +100,7 @@ def pool(maps: Sequence[Map], down: Map, across: Map) -> Maps:
         return np.asarray([down @ each @ across.T for each in maps], np.float32)
 
 
-def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
+def offset_weights(reach: int, axis: int, periphery: float) -> Map:
     """Return the weights of the offsets u of the opponent products, steps 2 and 3 of section 5.
 
     Parameters
@@ -122,25 +109,21 @@ def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
         Largest offset in cells, across and down.
     axis : int
         Direction phi of the passing pathway in degrees: 0, 45, 90 or 135.
-    cone : float
-        Largest angle in degrees between an offset and the axis, up to 90.
     periphery : float
         w_p, the weight with which inward motion is subtracted.
 
     Returns
     -------
     ndarray of float32, shape (2 reach + 1, 2 reach + 1)
-        By row and column of u: 1 in the cone around u_phi (outward), -w_p in the cone around
-        -u_phi (inward), else 0. The cone is in ``docs/default-equations.md``.
+        By row and column of u: 1 where ``u . u_phi > 0`` (outward), -w_p where it is below 0
+        (inward), else 0.
     """
     # For these directions both components of u_phi, times a common factor, are -1, 0 or 1.
     right = round(math.cos(math.radians(axis)) * math.sqrt(2))
     up = round(math.sin(math.radians(axis)) * math.sqrt(2))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     along = x * right - y * up
-    least = math.cos(math.radians(cone)) * math.hypot(right, up) * np.hypot(x, y)
-    within = np.abs(along) > least - 1e-9
-    return np.asarray(((along > 0) - periphery * (along < 0)) * within, np.float32)
+    return np.asarray((along > 0) - periphery * (along < 0), np.float32)
 
 
 @with_twin
@@ -187,7 +170,7 @@ def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
         Least history, both one and two intervals ago, as a share of the largest present change in
         the cell and its neighbours.
 
-    Source: ``docs/default-equations.md``, section 7.
+    Source: ``docs/time.md``.
     """
     now, *before = changes
     needed = np.float32(least) * cv2.dilate(now, _NEIGHBOURS)
@@ -265,24 +248,11 @@ class CellJudgement:
         """Forget all frames."""
         self.maps = self.maps._replace(responses=np.zeros_like(self.maps.responses), pathways={})
 
-    def _pooling_weights(
-        self, shape: tuple[int, ...], reduction: int = 1, bars: Widths = NO_BARS
-    ) -> tuple[Map, Map]:
-        """Return the weights, down and across, for maps of a reduced size.
-
-        Pixels in bars have weight 0, and cells in bars pool nothing: the picture ends at its bars.
-        """
-        maps, params = self.maps, self._params
-        sigma = params.pool_sigma * params.cell_px / reduction
-        sides = (maps.centres_y, bars.top, bars.bottom), (maps.centres_x, bars.left, bars.right)
-        weights_by_side = []
-        for length, (centres, first, last) in zip(shape, sides, strict=True):
-            border = (params.border + first) // reduction, (params.border + last) // reduction
-            weights = pooling_weights(length, centres / reduction, sigma, border)
-            # The row of cells is centred: its first and last centre add up to the frame's side.
-            weights[(centres < first) | (centres > centres[0] + centres[-1] - last)] = 0
-            weights_by_side.append(weights)
-        return weights_by_side[0], weights_by_side[1]
+    def _pooling_weights(self, shape: tuple[int, int]) -> tuple[Map, Map]:
+        """Return the weights, down and across, for maps of the frame."""
+        maps, sigma = self.maps, self._params.pool_sigma * self._params.cell_px
+        down = pooling_weights(shape[0], maps.centres_y, sigma)
+        return down, pooling_weights(shape[1], maps.centres_x, sigma)
 
 
 class PooledJudgement(CellJudgement):
@@ -292,188 +262,66 @@ class PooledJudgement(CellJudgement):
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
     ) -> None:
         super().__init__(shape, params, per_second)
-        self._bars = NO_BARS
-        self._pooling = {1: (self._down, self._across)}  # weights by the reduction of the maps
-        # The compressed S of an edge has another width: a Gaussian to a power below 1 is wider.
-        self.maps = self.maps._replace(spread=self.maps.spread / math.sqrt(params.compression))
         reach = int(self.maps.field / 2 // params.cell_px)
-        cone, periphery = params.cone, params.periphery
-        weights = [offset_weights(reach, axis, cone, periphery) for axis in params.both_axes]
-        self._weights = np.array(weights)
-
-    def reset(self) -> None:
-        """Forget all frames."""
-        super().reset()
-        params = self._params
-        self._persistent = np.zeros((2, *self.maps.responses.shape), np.float32)
-        self._moving = 0.0  # intervals with R above 0
-        self._factor = 1.0  # of the adaptation
-        # The largest R of the latest frames, without persistence, with their times in intervals.
-        self._latest: deque[tuple[float, float]] = deque([(0.0, 0.0)])
-        self._background = Background(
-            params.adaptation_s * self._per_second, params.adaptation_guard_s * self._per_second
+        self._weights = np.array(
+            [offset_weights(reach, axis, params.periphery) for axis in params.both_axes]
         )
 
-    def _motion_lasts(self, photoreceptors: Photoreceptors) -> bool:
-        """Return whether motion has lasted long enough to be judged.
-
-        If `history` is not 0, motion begins anew after a rest of the complete scene, as at the
-        start of a video (``docs/time.md``).
-        """
-        return photoreceptors.motion_lasts if self._params.history else photoreceptors.ready
-
-    def opponency(self, dpc: Dpc, reduction: int = 1) -> Maps:
+    def opponency(self, dpc: Dpc) -> Map:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
 
-        Parameters
-        ----------
-        dpc : Dpc
-            S_phi of the working frame or of the frame at half its size. If `entering` is not 0,
-            this method sets S_phi to 0, in place, where motion may have come from outside.
-        reduction : int
-            Side of the working frame divided by the side of the maps, at least 1.
-
-        Returns
-        -------
-        ndarray of float32, shape (2, rows, columns)
-            Two maps of ``max(0, out - w_p in)``, summed over both axes. The first leaves out cells
-            where motion has only just begun (`history`). The second, which the adaptation uses,
-            has all cells. S over several intervals is divided by the number of intervals.
-        """
-        params, photoreceptors = self._params, dpc.photoreceptors
-        directions = *params.both_axes, *(axis + 180 for axis in params.both_axes)
-        maps = [dpc.sums.pathways[phi] for phi in directions]
-        if reduction not in self._pooling:
-            weights = self._pooling_weights(maps[0].shape, reduction, self._bars)
-            self._pooling[reduction] = weights
-        down, across = self._pooling[reduction]
-        if params.entering:
-            reach, border = params.entering // reduction, max(1, params.border // reduction)
-            bars = Widths(*(bar // reduction for bar in self._bars))
-            leave_out_entering(maps, photoreceptors.maps[0], reach, border, bars)
-        pooled = pool(maps, down, across)
-        if photoreceptors.share != 1:
-            p = pool(photoreceptors.maps[:1], down, across)
-            e = np.float32(dpc.kernels.excitation.sum()) * p
-            pooled = referred(pooled, e, photoreceptors.share, directional=True)
-        if params.compression != 1:
-            pooled **= params.compression
-        with_history = of_all_cells = self._outward(pooled)
-        if params.history:
-            lasts = has_history(photoreceptors.coarse(of_all_cells.shape), params.history)
-            if not lasts.all():
-                pooled *= lasts
-                with_history = self._outward(pooled)
-        self.maps = self.maps._replace(pathways=dict(zip(directions, pooled, strict=True)))
-        opponencies = np.stack((with_history, of_all_cells))
-        if photoreceptors.stride != 1:
-            opponencies *= np.float32(photoreceptors.stride ** (-2 * params.compression))
-        return opponencies
-
-    def _outward(self, pooled: Maps) -> Map:
-        return np.asarray(np.maximum(opponent_products(pooled, self._weights), 0).sum(axis=0))
-
-    def judge(self, dpc: Dpc, half: Dpc | None = None, bars: Widths = NO_BARS) -> OpplodResponse:
-        """Judge the motion of one frame.
+        Cells where motion has only just begun are left out (`history`).
 
         Parameters
         ----------
         dpc : Dpc
             S_phi of the frame.
-        half : Dpc, optional
-            S_phi of the frame at half its size. R in this frame is added with the weight
-            `halved_weight`, once motion has lasted long enough there.
-        bars : Widths
-            Bars beside the picture. S counts as 0 in them, and in the `border` along them.
+
+        Returns
+        -------
+        ndarray of float32, shape (rows, columns)
+            ``max(0, out - w_p in)``, summed over both axes.
+        """
+        params, photoreceptors = self._params, dpc.photoreceptors
+        directions = *params.both_axes, *(axis + 180 for axis in params.both_axes)
+        pooled = pool([dpc.sums.pathways[phi] for phi in directions], self._down, self._across)
+        if photoreceptors.share != 1:
+            p = pool(photoreceptors.maps[:1], self._down, self._across)
+            e = np.float32(dpc.kernels.excitation.sum()) * p
+            pooled = referred(pooled, e, photoreceptors.share, directional=True)
+        if params.history:
+            pooled *= has_history(photoreceptors.coarse(pooled.shape[1:]), params.history)
+        self.maps = self.maps._replace(pathways=dict(zip(directions, pooled, strict=True)))
+        return np.asarray(np.maximum(opponent_products(pooled, self._weights), 0).sum(axis=0))
+
+    def judge(self, dpc: Dpc) -> OpplodResponse:
+        """Judge the motion of one frame.
+
+        If `history` is not 0, motion begins anew after a rest of the complete scene, as at the
+        start of a video (``docs/time.md``).
+
+        Parameters
+        ----------
+        dpc : Dpc
+            S_phi of the frame.
 
         Returns
         -------
         OpplodResponse
             The response of the unit with the largest R: ``c2 R^2`` if R is above T_o, else 0.
         """
-        params, photoreceptors = self._params, dpc.photoreceptors
-        if bars != self._bars:
-            self._bars, self._pooling = bars, {}
-        opponencies = np.zeros_like(self._persistent)
-        half_lasts = half is not None and self._motion_lasts(half.photoreceptors)
-        # The frame at half its size comes first, because `opponency` leaves its pathways in `maps`.
-        if half and half_lasts:
-            opponencies += np.float32(params.halved_weight) * self.opponency(half, 2)
-        if self._motion_lasts(photoreceptors):
-            opponencies += self.opponency(dpc)
-        elif not half_lasts:
-            self._persistent[:] = 0  # begin again, as at the start of the video
-        opponencies *= self._selected
-        if half and params.passing:
-            self._leave_out_passing(opponencies[0], half.photoreceptors)
-        now = float(opponencies[0].max())
-        if params.persistence:
-            opponencies = self._persisted(opponencies, photoreceptors)
-        opponency, of_all_cells = opponencies
-        sudden = self._is_sudden(now, float(opponency.max()), photoreceptors.elapsed)
-        if params.adaptation_level:
-            factor = self._adaptation(float(of_all_cells.max()), photoreceptors)
-            opponency *= np.float32(factor)
+        params = self._params
+        if dpc.photoreceptors.motion_lasts or not params.history:
+            opponency = self.opponency(dpc) * self._selected
+        else:
+            opponency = np.zeros_like(self._selected)
         responses = enhanced(opponency, params.gain, params.threshold)
         self.maps = self.maps._replace(responses=responses)
         row, column = divmod(int(opponency.argmax()), opponency.shape[1])
         best = float(opponency[row, column])
         response = params.gain * best**2 if best > params.threshold else 0.0
         box = self.maps.box(row, column) if response else None
-        return OpplodResponse(response, box, best, sudden=sudden)
-
-    def _leave_out_passing(self, opponency: Map, photoreceptors: Photoreceptors) -> None:
-        """Set R to 0, in place, about the unit with the largest R while an object passes there.
-
-        R up to `adaptation_level` stays, to save time: it is far too small for an alarm.
-        `photoreceptors` see the frame at half its size.
-        """
-        maps, reach = self.maps, self.maps.field / 2
-        while opponency.max() > self._params.adaptation_level:
-            row, column = divmod(int(opponency.argmax()), opponency.shape[1])
-            y, x = maps.centres_y[row], maps.centres_x[column]
-            if photoreceptors.not_displaced((y / 2, x / 2), reach / 2) >= self._params.passing:
-                return
-            rows, columns = abs(maps.centres_y - y) <= reach, abs(maps.centres_x - x) <= reach
-            opponency[np.ix_(rows, columns)] = 0
-
-    def _is_sudden(self, now: float, largest: float, elapsed: float) -> bool:
-        """Return whether the largest R does not last: it is small now, or was an interval ago.
-
-        The R of an approach grows over many frames, while a jerk of the camera gives a large R in
-        one frame alone. `now` is the largest R of the frame, `largest` that with persistence.
-        """
-        time = self._latest[-1][0] + elapsed
-        while len(self._latest) > 1 and self._latest[1][0] <= time - _AN_INTERVAL:
-            self._latest.popleft()
-        before = self._latest[0][1]
-        self._latest.append((time, now))
-        return min(now, before) < self._params.sudden * largest
-
-    def _persisted(self, opponencies: Maps, photoreceptors: Photoreceptors) -> Maps:
-        """Return ``K(t) = h K(t-1) + (1 - h) R(t)`` with ``h = persistence ** elapsed``.
-
-        The elapsed time counts only up to the usual step, and up to 1.3 intervals. Otherwise one
-        chance response could pass at low frame rates, or after a dropped frame.
-        """
-        most = min(_MOST_ELAPSED, max(1.0, photoreceptors.usual_step))
-        weight = 1 - self._params.persistence ** min(photoreceptors.elapsed, most)
-        rows = -1, opponencies.shape[-1]  # OpenCV needs arrays of two dimensions
-        cv2.accumulateWeighted(opponencies.reshape(rows), self._persistent.reshape(rows), weight)
-        return self._persistent.copy()
-
-    def _adaptation(self, best: float, photoreceptors: Photoreceptors) -> float:
-        """Return ``min(1, level / B)``, the factor of R, B being the background of the largest R.
-
-        The factor is below 1 in scenes full of opponent motion. Frames at rest are no background,
-        and keep the factor of the frame before (``docs/default-equations.md``).
-        """
-        if best and photoreceptors.means[0] >= _STILL:
-            self._moving += photoreceptors.elapsed
-            background = self._background.step(best, self._moving)
-            level = self._params.adaptation_level
-            self._factor = min(1.0, level / background) if background else 1.0
-        return self._factor
+        return OpplodResponse(response, box, best)
 
 
 # ---- The paper to the letter ---------------------------------------------------------------

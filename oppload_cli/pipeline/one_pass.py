@@ -11,7 +11,7 @@ from oppload_cli.detection.places import Detections
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box
 from oppload_cli.models.timebase import ROUNDING, ROUNDING_S
-from oppload_cli.motion.flow import DenseFlow, Interpolation
+from oppload_cli.motion.flow import DenseFlow, Flow, Interpolation, rmo_of
 from oppload_cli.motion.rmo import RmoMetrics
 from oppload_cli.pipeline.repeats import EXACT, Repeat
 from oppload_cli.results.table import FrameRecord
@@ -50,10 +50,11 @@ class PassParams(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """A frame with its corrected time, whether it is a repeat, and its RMO."""
+    """A frame with its corrected time, whether it is a repeat, and its motion."""
 
     frame: Frame
     repeat: Repeat
+    flow: Flow | None  # None for the first picture and for repeats
     rmo: RmoMetrics | None
     # Whether it is not known yet if the frames before, all equal, were repeats or a scene at rest.
     undecided: bool = False
@@ -62,11 +63,12 @@ class Prepared(NamedTuple):
 
 
 class Preparation:
-    """The work on a frame before the detectors: its time, repeats and RMO."""
+    """The work on a frame before the detectors: its time, repeats and flow."""
 
     def __init__(self, chosen: PassParams, rate: Fraction | None) -> None:
         self.times, self.repeats = FrameTimes(rate), chosen.repeats
-        self._flow = DenseFlow(chosen.rmo) if chosen.rmo else None
+        per_second = chosen.time.per_second
+        self._flow, self._rmo = DenseFlow(1 / per_second if per_second else 0), chosen.rmo
         # The first frames of the video, until a cadence is known or there are too many.
         self._first: list[Prepared] | None = []
 
@@ -77,11 +79,16 @@ class Preparation:
         if time_s != frame.time_s:
             frame = replace(frame, time_s=time_s)
         repeat = self.repeats.step(frame.luma, time_s)
-        rmo = None
-        if self._flow:
-            rmo = RmoMetrics() if repeat.kind else self._flow.step(frame.luma)
-        prepared = Prepared(frame, repeat, rmo)
+        prepared = self._prepared(frame, repeat)
         return prepared if self._first is None else self._with_first_frames(self._first, prepared)
+
+    def _prepared(self, frame: Frame, repeat: Repeat) -> Prepared:
+        """Return a frame with its motion."""
+        if repeat.kind:
+            return Prepared(frame, repeat, None, RmoMetrics() if self._rmo else None)
+        flow = self._flow.step(frame.luma, frame.time_s + repeat.shift_s)
+        rmo = rmo_of(flow, self._rmo) if flow and self._rmo else None
+        return Prepared(frame, repeat, flow, rmo)
 
     def _with_first_frames(self, first: list[Prepared], latest: Prepared) -> Prepared:
         """Return the latest frame, and those before too if their repeats are better known now."""
@@ -96,7 +103,11 @@ class Preparation:
         if self.repeats.is_cadence:
             self._first = None
             found = self.repeats.again([(each.frame.luma, each.frame.time_s) for each in first])
-            *again, latest = (each._replace(repeat=r) for each, r in zip(first, found, strict=True))
+            self._flow.reset()
+            *again, latest = (
+                self._prepared(seen.frame, repeat)
+                for seen, repeat in zip(first, found, strict=True)
+            )
             return latest._replace(again=again)
         # p: a picture that the detectors got; r: a frame that was taken for a repeat of it.
         pattern = "".join("r" if each.repeat.passed_over else "p" for each in first)
@@ -130,8 +141,9 @@ class DetectorPass:
         self._first_s = 0.0
         self._cuts = Cuts(chosen.alarm)
         self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
-        kinds = {each.interpolated for each in self._bank.detectors.values()}
-        self._interpolation = Interpolation(kinds - {"none"})
+        detectors = self._bank.detectors.values()
+        self._interpolates = any(each.interpolated != "none" for each in detectors)
+        self._interpolation = Interpolation()
         self._latest: FrameRecord | None = None  # the row that a repeat in a cadence repeats
         self._index = -1  # number of the frame before
         # Of the latest frame that the detectors saw: when it was presented, and its picture taken.
@@ -139,7 +151,7 @@ class DetectorPass:
         self._too_slow = False  # whether a frame after that one was dropped
         self._passed_over_s: list[float] = []  # times of the frames after that one
         self._places = {
-            name: Detections(working, places, 1 / time.per_second if time.per_second else 0)
+            name: Detections(working, places)
             for name, each in self._bank.detectors.items()
             if each.places and places
         }
@@ -161,9 +173,9 @@ class DetectorPass:
         self._count += 1
         if repeat.held and self._latest is not None:
             return _held(self._latest, prepared)
-        blind = "" if repeat.passed_over else self._see(prepared.frame, repeat)
+        blind = "" if repeat.passed_over else self._see(prepared)
         responses = self._responses(prepared)
-        objects, alarms = self._judged(responses, prepared.frame, repeat, blind)
+        objects, alarms = self._judged(responses, prepared, blind)
         thresholds = {name: alarm.threshold for name, alarm in self._alarms.items()}
         objects = {
             name: self._places[name].with_alarm(
@@ -187,12 +199,14 @@ class DetectorPass:
         )
         return self._latest
 
-    def _see(self, frame: Frame, repeat: Repeat) -> str:
+    def _see(self, prepared: Prepared) -> str:
         """Show the detectors a frame, after all pictures before it that they have not seen.
 
         Return why the frame is blind; empty for a frame that counts.
         """
-        bank, luma, taken_s = self._bank, frame.luma, frame.time_s + repeat.shift_s
+        (frame, repeat, flow), bank = prepared[:3], self._bank
+        luma, taken_s = frame.luma, frame.time_s + repeat.shift_s
+        bank.give(None)
         if repeat.still_begins:
             # The frames that were passed over are no repeats: the detectors get them now.
             for passed_over_s in self._passed_over_s:
@@ -203,18 +217,20 @@ class DetectorPass:
         elapsed = (taken_s - self._taken_s) * (self._per_second or 0)
         if self._too_slow:  # pictures in between take time, so that one gap would lead to the next
             elapsed, self._too_slow = 0.0, False
-        pictures = list(self._interpolation.step(luma, elapsed))
+        pictures = list(self._interpolation.step(luma, elapsed, flow)) if self._interpolates else []
         if pictures:
             bank.separate()
         bank.see(luma, taken_s)
         change = 0.0 if repeat.kind else bank.luma_change
         blind = self._cuts.step(bank.photoreceptors, change, frame.time_s, stood_still=stood_still)
         times_s = (self._before_s, frame.time_s), (self._taken_s, taken_s)
-        for share, kind, picture in pictures:
+        for share, picture in pictures:
             shown_s, time_s = (then + share * (now - then) for then, now in times_s)
-            responses = bank.respond(picture, time_s, kind)
+            responses = bank.respond(picture, time_s, "earlier")
             between = replace(frame, time_s=shown_s, luma=picture)
-            self._judged(responses, between, Repeat(shift_s=time_s - shown_s), blind)
+            shown = Prepared(between, Repeat(shift_s=time_s - shown_s), None, None)
+            self._judged(responses, shown, blind)
+        bank.give(flow)
         self._before_s, self._taken_s = frame.time_s, taken_s
         return blind
 
@@ -236,41 +252,36 @@ class DetectorPass:
         return bank.at_rest(lasted + ROUNDING)
 
     def _judged(
-        self, responses: dict[str, Response | None], frame: Frame, repeat: Repeat, blind: str
+        self, responses: dict[str, Response | None], prepared: Prepared, blind: str
     ) -> tuple[dict[str, tuple[Detection, ...]], dict[str, bool]]:
         """Return the looming objects and the alarms at a frame, or at a picture between frames."""
         objects = {
-            name: () if repeat.kind else self._objects(name, responses[name], frame, repeat.shift_s)
+            name: () if prepared.repeat.kind else self._objects(name, responses[name], prepared)
             for name in self._places
             if name in responses
         }
-        # The alarm uses the time to contact of the object with the largest response.
-        contacts = {name: each[0].time_to_contact_s for name, each in objects.items() if each}
+        time_s = prepared.frame.time_s
         alarms = {
             name: each is not None
-            and self._alarms[name].step(
-                each.response,
-                frame.time_s,
-                contact_s=contacts.get(name),
-                blind=bool(blind),
-                sudden=each.sudden,
-            )
+            and self._alarms[name].step(each.response, time_s, blind=bool(blind))
             for name, each in responses.items()
         }
         return objects, alarms
 
     def _objects(
-        self, name: str, response: Response | None, frame: Frame, shift_s: float
+        self, name: str, response: Response | None, prepared: Prepared
     ) -> tuple[Detection, ...]:
         if response is None:
             return ()
         places, units = self._places[name], self._bank.units_of(name)
+        shift_s = prepared.repeat.shift_s
         if units is None:
             detections = places.of_box(response)
         else:
             # Growth is measured between the times at which pictures were taken. But the time to
             # contact counts from the presentation time of the frame.
-            detections = places.step(units, frame.luma, frame.time_s + shift_s)
+            taken_s = prepared.frame.time_s + shift_s
+            detections = places.step(units, prepared.flow, taken_s)
             if shift_s:
                 detections = tuple(each.after(-shift_s) for each in detections)
         if not self._optics:

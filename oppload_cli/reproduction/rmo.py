@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oppload_cli.motion.flow import DenseFlow
-from oppload_cli.motion.rmo import RmoMetrics, rmo, rmo_metrics
+from oppload_cli.motion.flow import DenseFlow, rmo_of
+from oppload_cli.motion.rmo import RmoMetrics, RmoParams, rmo, rmo_metrics
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import CYCLE, FAINT, INK, styled_figure
 from oppload_cli.reproduction.claims import (
@@ -275,11 +275,11 @@ def _index(protocol: Protocol) -> dict[int, float]:
     turning = any(each.motion and each.motion.rotation_deg_s for each in protocol.objects)
     values = {}
     for frame in StimulusVideo(protocol, _HEIGHT):
-        metrics = flow.step(frame.luma)
+        motion = flow.step(frame.luma, frame.time_s)
         moving = [each for each in frame_truth(protocol, frame.index).objects if each.visible]
         speed = max((abs(each.edge_speed_px_frame) for each in moving), default=0.0) * scale
-        if metrics is not None and (speed > _SLOWEST or turning):
-            values[frame.index] = metrics.rmo_index
+        if motion is not None and (speed > _SLOWEST or turning):
+            values[frame.index] = rmo_of(motion, RmoParams()).rmo_index
     return values
 
 

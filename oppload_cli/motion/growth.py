@@ -1,0 +1,212 @@
+"""Radial growth: how fast the flow says that something about a place becomes larger.
+
+It is the second witness of OppLoD's alarm (``docs/footage.md``). An object on course to hit grows
+about a centre that lies inside it, in all directions alike, and keeps growing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from oppload_cli.motion.flow import Flow
+
+    Map = NDArray[np.float32]
+
+# Variance of the error of the flow in px^2 (0.045 px): where less moves, growth explains nothing.
+_FLOW_VARIANCE = 0.002
+# The search moves patches of 8 samples every 4 samples, so that neighbouring vectors err alike: one
+# vector in 16 is independent.
+_ALIKE = 16
+
+
+class WindowFit(NamedTuple):
+    """Least squares of a growth to the flow in a window about every place; arrays over places.
+
+    Attributes
+    ----------
+    across, down : ndarray of float32
+        Growth of the width, ``g_x = cov(x, u) / var(x)``, and of the height, between two pictures.
+    x, y : ndarray of float32
+        Mean motion in the window in px: of its middle, if it grows evenly.
+    explained : ndarray of float32
+        Share of the variance of the flow that an even growth explains, 0 to 1. Motion that
+        differs within the window otherwise, as that of limbs, noise or shear, lowers it.
+    """
+
+    across: Map
+    down: Map
+    x: Map
+    y: Map
+    explained: Map
+
+
+class Windows:
+    """Square windows about every place of a grid over the frame.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frame in px.
+    grid : tuple of int
+        Number of places down and across, which are spread evenly.
+    side : float
+        Side of a window in px. It becomes an odd number of places, at least 3; what lies outside
+        the frame is left out.
+    """
+
+    def __init__(self, shape: tuple[int, int], grid: tuple[int, int], side: float) -> None:
+        rows, columns = grid
+        self.step = shape[0] / rows  # px from place to place; across it is the same within 2 %
+        self._size = columns, rows
+        count = max(3, 2 * round((side / self.step - 1) / 2) + 1)
+        self._window = count, count
+        y, x = np.mgrid[:rows, :columns].astype(np.float32)
+        self.places = x, y  # in places
+        # Sums of squares stay small if x and y are measured from the middle of the frame.
+        self._x = (x - np.float32((columns - 1) / 2)) * np.float32(shape[1] / columns)
+        self._y = (y - np.float32((rows - 1) / 2)) * np.float32(self.step)
+        self._share = 1 / self._sum(np.ones_like(x))
+        self._mean_x, self._mean_y = self._mean(self._x), self._mean(self._y)
+        self._variance_x = self._mean(self._x**2) - self._mean_x**2
+        self._variance_y = self._mean(self._y**2) - self._mean_y**2
+
+    def _sum(self, values: Map) -> Map:
+        sums = cv2.boxFilter(
+            values, cv2.CV_32F, self._window, normalize=False, borderType=cv2.BORDER_CONSTANT
+        )
+        return np.asarray(sums, np.float32)
+
+    def _mean(self, values: Map) -> Map:
+        return np.asarray(self._sum(values) * self._share, np.float32)
+
+    def fit(self, vectors: Map) -> WindowFit:
+        """Fit a growth to the flow in each window; `vectors` as in :class:`Flow`."""
+        means = cv2.resize(vectors, self._size, interpolation=cv2.INTER_AREA)
+        u, v = (np.asarray(each, np.float32) for each in cv2.split(means))
+        mean_u, mean_v = self._mean(u), self._mean(v)
+        along_x = self._mean(u * self._x) - mean_u * self._mean_x
+        along_y = self._mean(v * self._y) - mean_v * self._mean_y
+        variance = self._mean(u * u + v * v) - mean_u**2 - mean_v**2
+        across, down = along_x / self._variance_x, along_y / self._variance_y
+        even = (across + down) / 2
+        by_growth = even**2 * (self._variance_x + self._variance_y)
+        explained = np.minimum(by_growth / (variance + np.float32(_FLOW_VARIANCE)), 1)
+        # In a window that the frame cuts off, the mean place is not the middle.
+        middle_x = mean_u + even * (self._x - self._mean_x)
+        middle_y = mean_v + even * (self._y - self._mean_y)
+        return WindowFit(across, down, middle_x, middle_y, explained)
+
+
+class RadialGrowth:
+    """The growth about every place, followed over time along its motion.
+
+    The rate at a place is ``q = min(g_x, g_y) e^2 w / dt``: the growth of the side that grows less,
+    times the square of the explained share e, times the weight w of a collision course. The focus
+    of expansion, the point that does not move, is ``m / g`` from the place, m being its motion:
+    ``w = exp(-(m / (g side))^2)`` is small if the object moves on as a whole. The growth follows
+    the place: ``A(c, t) = d A(c - m, t - dt) + (1 - d) q(c, t)`` with ``d = exp(-dt / memory)``.
+
+    Parameters
+    ----------
+    shape, grid, side
+        As for :class:`Windows`.
+    memory_s : float
+        Time constant of following in seconds; 0: the latest rate counts alone.
+
+    Attributes
+    ----------
+    growth : ndarray of float32, shape (rows, columns)
+        A at the latest frame, in 1/s, at least 0; zeros before the first flow.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], grid: tuple[int, int], side: float, memory_s: float
+    ) -> None:
+        self._windows, self._side = Windows(shape, grid, side), np.float32(side)
+        self._memory_s = memory_s
+        self.growth: Map = np.zeros(grid, np.float32)
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self.growth[:] = 0
+
+    def step(self, flow: Flow, elapsed_s: float) -> None:
+        """Take the flow of the next frame, `elapsed_s` seconds (above 0) after the frame before."""
+        fit = self._windows.fit(flow.vectors)
+        even = (fit.across + fit.down) / 2
+        rate = np.maximum(np.minimum(fit.across, fit.down), 0) * fit.explained**2
+        focus = np.hypot(fit.x, fit.y) / (np.maximum(even, 1e-6) * self._side)
+        # Beyond 9 sides the weight is below any rounding error; its square would overflow.
+        rate *= np.exp(-(np.minimum(focus, 9) ** 2)) / np.float32(flow.passed_s)
+        moved = np.float32(elapsed_s / flow.passed_s / self._windows.step)
+        x, y = self._windows.places
+        before = cv2.remap(
+            self.growth, x - moved * fit.x, y - moved * fit.y,
+            cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE,
+        )  # fmt: skip
+        kept = math.exp(-elapsed_s / self._memory_s) if self._memory_s else 0.0
+        self.growth = np.asarray(kept * before + (1 - kept) * rate, np.float32)
+
+
+class Growth(NamedTuple):
+    """The growth of an object between two pictures.
+
+    Attributes
+    ----------
+    growth : float
+        Later size divided by earlier size, minus 1: above 0 for an object that grew.
+    error : float
+        Standard error of the growth.
+    """
+
+    growth: float
+    error: float
+
+
+def growth_within(flow: Flow, region: tuple[float, float, float, float]) -> Growth | None:
+    """Measure the growth of the object in a region of the frame.
+
+    Least squares fit a shift, a growth k and a turn w to the flow:
+    ``(u, v) = (a, b) + k (x, y) + w (-y, x)``. The error of k follows from what the fit leaves.
+
+    Parameters
+    ----------
+    flow : Flow
+        The motion since an earlier picture.
+    region : tuple of float
+        Centre (x, y) and half sizes in px of the working frame.
+
+    Returns
+    -------
+    Growth or None
+        None if fewer than 3 x 3 samples of the flow lie in the region.
+    """
+    centre_x, centre_y, half_x, half_y = region
+    rows, columns = flow.vectors.shape[:2]
+    left, right = _within(centre_x, half_x, columns, flow.side)
+    top, bottom = _within(centre_y, half_y, rows, flow.side)
+    if right - left < 3 or bottom - top < 3:
+        return None
+    vectors = flow.vectors[top:bottom, left:right].astype(np.float64)
+    y, x = np.mgrid[top:bottom, left:right] * float(flow.side)
+    places = (x - x.mean()) + 1j * (y - y.mean())
+    motion = (vectors[..., 0] - vectors[..., 0].mean()) + 1j * (
+        vectors[..., 1] - vectors[..., 1].mean()
+    )
+    size = float((np.abs(places) ** 2).sum())
+    factor = complex((np.conj(places) * motion).sum()) / size  # k + i w
+    left_over = float((np.abs(motion - factor * places) ** 2).mean()) / 2 + _FLOW_VARIANCE
+    return Growth(factor.real, math.sqrt(_ALIKE * left_over / size))
+
+
+def _within(centre: float, half: float, count: int, side: int) -> tuple[int, int]:
+    """Return the first sample, and the one after the last, whose middle is within a range."""
+    first = max(0, math.ceil((centre - half) / side - 0.5))
+    return first, min(count, math.floor((centre + half) / side - 0.5) + 1)
