@@ -8,6 +8,7 @@ Only the part `options` takes videos of your own. benchmarks/README.md describes
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import shutil
@@ -35,7 +36,8 @@ from oppload_cli.models.dlgmd import DlgmdParams, group, threshold
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.opposing_motion import PooledJudgement
 from oppload_cli.models.registry import default_names, parameters_of
-from oppload_cli.motion.flow import DenseFlow
+from oppload_cli.motion.flow import DenseFlow, rmo_of
+from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.video.source import open_video
 from oppload_cli.video.writers import ON_ANY_PROCESSOR
 
@@ -55,8 +57,6 @@ SAVING = {
     "--model opplod": "--model opplod",
     "both": "--no-rmo --model opplod",
     "--preset reference": "--preset reference",
-    "without steady view": "--set opplod.steady_view=false",
-    "without noise filter": "--set opplod.residual_noise=0",
     "--height 120": "--height 120",
 }
 STREAMS = {
@@ -184,6 +184,18 @@ def _models(frames: Sequence[Luma], preset: str = "reference") -> Callable[[], N
     return once
 
 
+def _rmo() -> Callable[[Luma], None]:
+    """Return a function that measures flow and RMO of the next frame at 30 frames/s."""
+    flow, number, params = DenseFlow(), itertools.count(), RmoParams()
+
+    def step(luma: Luma) -> None:
+        found = flow.step(luma, next(number) / 30)
+        if found is not None:
+            rmo_of(found, params)
+
+    return step
+
+
 def _run_command(path: Path) -> list[str]:
     """Return the command `oppload run` on a file or a folder; its results replace earlier ones."""
     return [
@@ -246,11 +258,8 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
     opplod = parameters_of("opplod", "reference").resolved(240)
     shape, dlgmd = (240, 427), DlgmdParams()
     dpc = Layers(shape).dpc(opplod, opplod.both_axes).layer
-    judgement, grouped, flow = (
-        PooledJudgement(shape, opplod),
-        np.zeros(shape, np.float32),
-        DenseFlow(),
-    )
+    judgement, grouped = PooledJudgement(shape, opplod), np.zeros(shape, np.float32)
+    flow = _rmo()
 
     def grouping(_: Luma) -> None:
         t = threshold(dlgmd, dpc.photoreceptors.means[2])
@@ -260,7 +269,7 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
         ("P, DPC and MDE", dpc.step),
         ("OMJ and enhancing", lambda _: judgement.judge(dpc)),
         ("D-LGMD grouping", grouping),
-        ("flow and RMO", flow.step),
+        ("flow and RMO", flow),
         ("table row", lambda luma: ",".join(f"{value:.9g}" for value in luma[0, :20].tolist())),
     ]
     for luma in frames[:4]:
@@ -390,14 +399,14 @@ def _live(_rounds: int) -> Iterator[_Measurement]:
     """Measure the time from a frame to its response at 720p and 30 frames/s, 99th percentile."""
     images = [(luma * 255).astype(np.uint8) for luma in _luminance(1280, 720, 60)]
     bank = _bank((240, 427))
-    flow = DenseFlow()
+    flow = _rmo()
     latencies = []
     for index in range(150):
         begun = time.perf_counter()
         luma = cv2.resize(images[index % 60], (427, 240), interpolation=cv2.INTER_AREA)
         grey = luma.astype(np.float32) / np.float32(255)
         bank.step(grey)
-        flow.step(grey)
+        flow(grey)
         latencies.append(1e3 * (time.perf_counter() - begun))
         time.sleep(max(0.0, 1 / 30 - (time.perf_counter() - begun)))
     late = latencies[10:]

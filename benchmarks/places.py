@@ -33,6 +33,7 @@ from oppload_cli.detection.places import Detection, Places
 from oppload_cli.evaluation.manifest import Entry, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.measures import overlap
 from oppload_cli.models.registry import parameters_of
+from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import ObjectTruth, contact_time, frame_truth
 from oppload_cli.video.arrivals import Arrivals
@@ -418,12 +419,14 @@ def _cost(folder: Path) -> Iterator[str]:
     for entry in _entries(folder):
         with open_video(cast("Path", entry.path), height=240) as video:
             model = Opplod(video.working.shape)
-            places = Places(place_params())
+            places, search = Places(place_params()), DenseFlow()
             frames, searched, started = 0, 0.0, time.process_time()
             for frame in video:
+                flow = search.step(frame.luma, frame.time_s)
+                model.layers.flow().give(flow)
                 if model.step(frame.luma):
                     before = time.thread_time()  # without the decoder's threads
-                    places.step(model.units, frame.luma, frame.time_s)
+                    places.step(model.units, flow, frame.time_s)
                     searched += time.thread_time() - before
                     frames += 1
             every.append((searched, time.process_time() - started, frames))

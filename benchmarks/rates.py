@@ -1,6 +1,6 @@
-"""Measure how responses depend on the frame rate: the table and the figure of ``docs/time.md``.
+"""Measure how responses depend on the frame rate, for ``docs/time.md``.
 
-    python -m benchmarks.rates [--phases N] [--figure docs/time.png] [--preset NAME]
+    python -m benchmarks.rates [--phases N] [--preset NAME]
     python -m benchmarks.rates --between [--phases N]
     python -m benchmarks.rates --controls
     python -m benchmarks.rates --clips MANIFEST.csv
@@ -39,7 +39,6 @@ from oppload_cli.evaluation.metrics.alarms import shipped
 from oppload_cli.evaluation.metrics.clips import Clip
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.models.registry import parameters_of
-from oppload_cli.models.timebase import FRAME, TimeParams
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes import cores
@@ -155,7 +154,7 @@ def _frame_times(rate: float, kind: str, phase: float, end_s: float, draw: int =
     return within
 
 
-def _records_of(case: Case, rate: float, times: Times, interval: str) -> list[FrameRecord]:
+def _records_of(case: Case, rate: float, times: Times) -> list[FrameRecord]:
     """Run one detector on one disk, shown at these times."""
     name, preset, model = case
     height = 600 if preset == "reference" and name.startswith("paper") else 240
@@ -165,14 +164,14 @@ def _records_of(case: Case, rate: float, times: Times, interval: str) -> list[Fr
     return list(
         analyse(
             _ShownAt(_disk(name)[0], height, rate, times), [params], alarm=alarm_params(preset),
-            places=place_params(preset), rmo=None, time=TimeParams(interval=interval),
+            places=place_params(preset), rmo=None,
         )
     )  # fmt: skip
 
 
-def _result_of(case: Case, rate: float, times: Times, interval: str = "1/30") -> _Result:
+def _result_of(case: Case, rate: float, times: Times) -> _Result:
     """Return the result of one detector on one disk."""
-    records = _records_of(case, rate, times, interval)
+    records = _records_of(case, rate, times)
     responses = [(each.response, -r.time_s) for r in records if (each := r.responses[case[2]])]
     peak, peak_s = max(responses)
     alarm_s = next((record.time_s for record in records if record.alarms[case[2]]), np.nan)
@@ -186,7 +185,7 @@ def _between_of(case: Case, rate: float, phase: float) -> float:
     between = np.arange(0, end_s, 1 / FINEST)
     apart_s = np.abs(between[:, None] - times).min(axis=1)
     seen = np.sort(np.concatenate((times, between[apart_s > 0.5 / FINEST])))
-    responses = [record.responses[case[2]] for record in _records_of(case, FINEST, seen, "1/30")]
+    responses = [record.responses[case[2]] for record in _records_of(case, FINEST, seen)]
     at_frames = np.isin(seen, times)
     return max(each.response for each, at in zip(responses, at_frames, strict=True) if each and at)
 
@@ -201,28 +200,28 @@ def _between(phases: int) -> Iterator[str]:
         ratios = []
         for name in disks:
             case = name, preset, model
-            reference = np.mean([each.peak for each in _results_of(case, 30, "", phases, "1/30")])
+            reference = np.mean([each.peak for each in _results_of(case, 30, "", phases)])
             found = [_between_of(case, rate, shift / phases) for shift in range(phases)]
             ratios.append(f"{np.mean(found) / reference:.2f}")
         yield f"| {rate} | {model}, {preset} | {' | '.join(ratios)} |"
 
 
-def _results_of(case: Case, rate: float, kind: str, phases: int, interval: str) -> list[_Result]:
+def _results_of(case: Case, rate: float, kind: str, phases: int) -> list[_Result]:
     """Return the results at all shifts of the first frame, and of all random draws."""
     count = phases if rate <= 60 or kind else 1
     draws = DRAWS if "dropped" in kind or "jittered" in kind else 1
     end_s = _disk(case[0])[1]
     return [
-        _result_of(case, rate, _frame_times(rate, kind, shift / count, end_s, draw), interval)
+        _result_of(case, rate, _frame_times(rate, kind, shift / count, end_s, draw))
         for shift, draw in product(range(count), range(draws))
     ]
 
 
-def _measured_case(phases: int, interval: str, rates: tuple[float, ...], case: Case) -> Table:
-    at_30 = _Result(*np.mean(_results_of(case, 30, "", phases, interval), axis=0))
+def _measured_case(phases: int, case: Case) -> Table:
+    at_30 = _Result(*np.mean(_results_of(case, 30, "", phases), axis=0))
     table: Table = {}
-    for rate, kind in [*((rate, "") for rate in rates), *(UNEVEN if interval != FRAME else ())]:
-        here = np.array(_results_of(case, rate, kind, phases, interval))
+    for rate, kind in [*((rate, "") for rate in RATES), *UNEVEN]:
+        here = np.array(_results_of(case, rate, kind, phases))
         ratios = here[:, 0] / (at_30.peak or np.nan)  # D-LGMD misses slow disks at every rate
         peak_late_s, alarm_late_s = (here[:, 1:] - at_30[1:]).T
         late = alarm_late_s[np.isfinite(alarm_late_s)]
@@ -233,12 +232,10 @@ def _measured_case(phases: int, interval: str, rates: tuple[float, ...], case: C
     return table
 
 
-def _measured(
-    phases: int, interval: str, rates: tuple[float, ...], cases: tuple[Case, ...] = CASES
-) -> Table:
+def _measured(phases: int, cases: tuple[Case, ...] = CASES) -> Table:
     """Compare each case at each rate with the mean of the case at 30 frames/s."""
     table: Table = {}
-    measured = partial(_measured_case, phases, interval, rates)
+    measured = partial(_measured_case, phases)
     for each in results(measured, cases, cores(), named=str):
         table |= each
     for (case, rate, kind), values in table.items():
@@ -268,35 +265,6 @@ def _markdown(table: Table) -> Iterator[str]:
                 alarms += f", none in {without} of {sum(row.runs for row in detected)}"
             cells.append(alarms)
         yield f"| {rate:g} {kind} | {' | '.join(cells)} |"
-
-
-def _draw(path: Path, before: Table, after: Table) -> None:
-    """Draw the peak over the frame rate, with steps of frames and with steps of intervals."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 - only with --figure
-
-    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
-    both = figure.subplots(1, 2, sharey=True)
-    for axes, table, title in zip(
-        both, (before, after), ("frames counted", "time base of 1/30 s"), strict=True
-    ):
-        for case in CASES:
-            rates = [rate for each, rate, kind in table if each == case and not kind]
-            ratios = [max(1.2e-4, table[case, rate, ""].peak) for rate in rates]
-            if not np.isfinite(table[case, 30, ""].peak):  # no response at 30 frames/s
-                continue
-            colour = {"default": "#D55E00", "reference": "#CC79A7"}[case[1]]
-            axes.plot(rates, ratios, "o-", ms=3, color="#0072B2" if case[2] == "dlgmd" else colour)
-        axes.axhspan(0.75, 1.25, color="0.9", zorder=0)
-        axes.set(xscale="log", yscale="log", title=title, xlabel="frames/s", ylim=(1e-4, 1e4))
-        axes.set_xticks([10, 15, 30, 60, 120, 240], ["10", "15", "30", "60", "120", "240"])
-        axes.minorticks_off()
-    both[0].set_ylabel("peak over that at 30 frames/s")
-    for label, colour in (
-        ("OppLoD, default", "#D55E00"), ("OppLoD, reference", "#CC79A7"), ("D-LGMD", "#0072B2"),
-    ):  # fmt: skip
-        both[1].plot([], [], color=colour, label=label)
-    both[1].legend(frameon=False)
-    figure.savefig(path, dpi=90)
 
 
 def _controls() -> Iterator[str]:
@@ -396,14 +364,11 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--phases", type=int, default=12, help="shifts (12)")
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also draw the figure")
     parser.add_argument("--preset", metavar="NAME", help="only OppLoD, under this preset")
     parser.add_argument("--between", action="store_true", help="frames between are seen too")
     parser.add_argument("--controls", action="store_true", help="controls at 30 to 240 frames/s")
     parser.add_argument("--clips", type=Path, metavar="MANIFEST.csv", help="labelled clips")
     arguments = parser.parse_args()
-    if arguments.figure and arguments.preset:
-        parser.error("--figure shows several presets; leave --preset out")
     if arguments.clips:
         lines = _on_clips(arguments.clips)
     elif arguments.controls:
@@ -413,10 +378,7 @@ def main() -> None:
     else:
         preset = arguments.preset
         cases = tuple((name, preset, "opplod") for name in DISKS) if preset else CASES
-        after = _measured(arguments.phases, "1/30", RATES, cases)
-        lines = _markdown(after)
-        if arguments.figure:
-            _draw(arguments.figure, _measured(1, FRAME, (10, 15, 24, 30, 60, 120, 240)), after)
+        lines = _markdown(_measured(arguments.phases, cases))
     for line in lines:
         print(line, flush=True)
 

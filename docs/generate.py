@@ -73,9 +73,9 @@ def parameters() -> str:
         " the set `opplod`, or in a configuration file (see `oppload config`).",
         "The default *auto* follows from the working height of the video. The defaults are those"
         " of preset `default`; `oppload models PRESET` lists what a preset changes. Of OppLoD,"
-        " `graded` to `calcium_s` have an effect only with `judgement=arms`, as in preset"
-        " `lplc2`; `cone`, `periphery`, `compression`, `halved_weight`, `entering`, `passing`,"
-        " `persistence`, `sudden` and the three of the adaptation only with `judgement=pooled`.",
+        " `growth_share` to `opponency_floor` have an effect only with `judgement=agreement`,"
+        " as in preset `default`, and `graded` to `calcium_s` only with `judgement=arms`, as in"
+        " preset `lplc2`.",
         "",
     ]
     for name, (meaning, kind) in parameter_sets().items():

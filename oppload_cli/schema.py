@@ -73,7 +73,7 @@ def parameter(
         One line for the user.
     unit : str or None
         Unit of the value, empty for a pure number; None for the unit at the end of the name, such
-        as s in ``light_s``, or else none.
+        as s in ``hold_s``, or else none.
     low, above, high : float or None
         Bounds of each number in the value: at least `low`, more than `above`, at most `high`.
     choices : tuple

@@ -102,9 +102,9 @@ def test_the_log_of_a_loop_over_a_camera_can_be_read_and_drawn(
     page = (PAGES.parent / "python.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     (script,) = [block for block in blocks if "DictWriter" in block]
-    grown = [1 - disk(120, 60, 60, 60 / (30 - frame)) for frame in range(26)]
+    grown = [1 - disk(120, 60, 60, 60 / (30 - frame)) for frame in range(29)]
     frames = [(255 * frame).round().astype(np.uint8) for frame in grown]
-    times = [index / 30 for index in range(26)]
+    times = [index / 30 for index in range(29)]
     camera = [(frame, 1000 + time_s) for frame, time_s in zip(frames, times, strict=True)]
     monkeypatch.chdir(tmp_path)
     names = {"analysis": oppload.Analysis((120, 120)), "camera": camera}

@@ -400,7 +400,7 @@ def test_it_is_among_the_models() -> None:
     assert "darkening from which a pixel counts" in text
     assert "an alarm of Toy needs a response above this" in text
     assert "  every parameter has its default\n" in text
-    assert "  opplod.stride = 1\n" in text
+    assert "  opplod.judgement = pooled\n" in text
     described = json.loads(oppload("models", "--json").stdout)
     assert described["models"]["toy"] == {
         "label": "Toy", "meaning": Toy.meaning, "by_default": False, "places": True,

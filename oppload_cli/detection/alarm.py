@@ -251,7 +251,7 @@ class Alarm:
     >>> import oppload_cli as oppload
     >>> alarm = oppload.Alarm("opplod", oppload.alarm_params("default"))
     >>> alarm.step(0.0, time_s=0.0), alarm.step(0.5, time_s=0.1), alarm.threshold
-    (False, True, 0.06)
+    (False, True, 0.0007)
     """
 
     def __init__(self, name: str, params: AlarmParams | None = None) -> None:

@@ -28,7 +28,6 @@ _WINDOW = 2.0  # half side of the window in which an object's motion is measured
 _LEAST_WINDOW = 3  # least half side in cells; a smaller window shows one blurred point only
 _WINDOWS = 4  # most windows that are tried; the size settles in two or three
 _MOST_SAMPLES = 256  # largest number of growths kept, for very high frame rates
-_TOO_FAR = 2.5  # contact times further from the mean, in standard deviations, are dropped once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,22 +61,20 @@ class PlaceParams(Parameters):
         0.2, "time for which an object keeps its number without being seen", low=0, high=60
     )
     memory_s: float = parameter(
-        0.4, "time over which the growth of an object is measured", low=0.01, high=60
+        0.2, "time over which the growth of an object is measured", low=0.01, high=60
     )
     least_frames: int = parameter(
-        4,
-        "least number of measured growths for a time to contact; one less if the error of a single "
-        "growth is below half of largest_error",
+        3,
+        "least number of measured growths for a time to contact",
         unit="growths",
-        low=3,
+        low=2,
         high=1000,
     )
-    least_s: float = parameter(0.118, "least time over which these growths extend", low=0, high=60)
     least_growth: float = parameter(
         1.15, "least total growth of the size for a time to contact, as a factor", low=1, high=100
     )
     largest_error: float = parameter(
-        0.2, "largest standard error of a time to contact, as a share of it", low=0.001, high=10
+        0.5, "largest standard error of a time to contact, as a share of it", low=0.001, high=10
     )
 
 
@@ -240,7 +237,7 @@ class Contact:
 
     def __init__(self, params: PlaceParams) -> None:
         self._params = params
-        self._samples: deque[tuple[float, float, float, float]] = deque(maxlen=_MOST_SAMPLES)
+        self._samples: deque[tuple[float, float, float]] = deque(maxlen=_MOST_SAMPLES)
 
     def add(self, time_s: float, passed_s: float, growth: Growth) -> None:
         """Take a measured growth.
@@ -260,47 +257,27 @@ class Contact:
             self._samples.clear()
         elif error < grown * self._params.largest_error:
             contact_error = passed_s * error / grown**2
-            self._samples.append((time_s, time_s + passed_s / grown, contact_error, passed_s))
+            self._samples.append((time_s, time_s + passed_s / grown, contact_error))
 
     def remaining(self, time_s: float) -> tuple[float, float] | None:
         """Return the time to contact and its error.
 
-        Both are in seconds, above 0. The result is None unless there are enough growths over a long
-        enough time, enough growth, and a standard error of the mean below the share `largest_error`
-        of the time (``docs/explanation/boxes.md``). The returned error is that of a single growth:
-        all growths of an object have similar errors, so that their mean is hardly better.
+        Both are in seconds, above 0. The result is None unless there are enough growths, enough
+        growth in all, and an error below the share `largest_error` of the time. The error is the
+        scatter of the single times: neighbouring growths err alike, so that their mean is hardly
+        better.
         """
         oldest = time_s - self._params.memory_s - ROUNDING_S
         while self._samples and self._samples[0][0] < oldest:
             self._samples.popleft()
-        if len(self._samples) < 2:
+        if len(self._samples) < self._params.least_frames:
             return None
-        times, contacts, errors, passed = np.array(self._samples).T
-        span = times[-1] - times[0]
-        lacking = self._params.least_frames - len(times)
-        if lacking > 1 or passed[0] + span < self._params.least_s:
-            return None
-        contact, error, z = _mean(contacts, errors)
-        kept = np.abs(z) <= _TOO_FAR * math.sqrt(float(z @ z) / len(z))
-        if self._params.least_frames <= kept.sum() < len(kept):
-            times, contacts, errors = times[kept], contacts[kept], errors[kept]
-            contact, error, _ = _mean(contacts, errors)
+        times, contacts, errors = np.array(self._samples).T
+        weights = errors**-2 / (errors**-2).sum()
+        contact = float(weights @ contacts)
+        error = math.sqrt(float(weights @ (errors**2 + (contacts - contact) ** 2)))
         remaining = contact - time_s
-        grown = (contact - times[0]) / remaining if remaining > 0 else 0.0
-        # Growths over overlapping times are not independent, so that the error is larger.
-        error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
-        single_error = float(np.mean(errors**-2)) ** -0.5
-        largest = self._params.largest_error * remaining
-        # With one growth fewer, the others may agree by chance. So each must be more exact: the
-        # error of one growth, a mean over all of them, must be small too.
-        is_sure = error < largest and (lacking <= 0 or single_error < largest / 2)
-        return (remaining, single_error) if is_sure and grown >= self._params.least_growth else None
-
-
-def _mean(values: Floats, errors: Floats) -> tuple[float, float, Floats]:
-    """Return the weighted mean, its standard error, and each deviation z in standard errors."""
-    weights = errors**-2
-    mean = float(weights @ values / weights.sum())
-    z = (values - mean) / errors
-    variance = float(z @ z) / (len(values) - 1) / float(weights.sum())
-    return mean, math.sqrt(variance), z
+        if remaining <= 0 or error > self._params.largest_error * remaining:
+            return None
+        grown = (contact - times[0]) / remaining
+        return (remaining, error) if grown >= self._params.least_growth else None

@@ -86,7 +86,6 @@ class Detection(NamedTuple):
 
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _NEAR = 0.25  # a peak nearer to an object's focus, in receptive fields, belongs to the object
-_AROUND = 1.15  # enlarges the box, which is up to 10 % too small: the outline shows most growth
 _GROWTH = 1.25  # growth from one frame to the next shortly before contact
 
 
@@ -260,7 +259,7 @@ class Places:
             self._count, peak.row, peak.column, *place, extent, peak.response, time_s, contact
         )
         self._tracks.append(track)
-        self._estimate_contact(track, time_s)
+        self._estimate_contact(track, place, time_s)
         return track
 
     def _measured(self, row: int, column: int, x: float, y: float) -> Extent | None:
@@ -270,7 +269,7 @@ class Places:
 
     def _follow(self, track: Track, peak: _Peak, time_s: float) -> None:
         row, column = peak.row, peak.column
-        x, y = _focus(self._maps, row, column)
+        x, y = place = _focus(self._maps, row, column)
         extent = self._measured(row, column, track.extent.x, track.extent.y)
         if self._products and max(abs(row - track.row), abs(column - track.column)) > 1:
             # The peak may be an edge of an object that is larger than the receptive field, or a new
@@ -283,16 +282,15 @@ class Places:
         track.row, track.column, track.x, track.y = row, column, x, y
         track.extent = extent or track.extent
         track.response, track.seen_s = peak.response, time_s
-        self._estimate_contact(track, time_s)
+        self._estimate_contact(track, place, time_s)
 
-    def _estimate_contact(self, track: Track, time_s: float) -> None:
+    def _estimate_contact(self, track: Track, place: tuple[float, float], time_s: float) -> None:
+        """Measure the growth at the largest response of an object, and its time to contact."""
         track.time_to_contact_s = track.time_to_contact_error_s = None
         if not self._products:
             return
-        if self._flow is not None:
-            region = track.x, track.y, _AROUND * track.extent.x, _AROUND * track.extent.y
-            if found := growth_within(self._flow, region):
-                track.contact.add(time_s, self._flow.passed_s, found)
+        if self._flow is not None and (found := growth_within(self._flow, *place)):
+            track.contact.add(time_s, self._flow.passed_s, found)
         if remaining := track.contact.remaining(time_s):
             track.time_to_contact_s, track.time_to_contact_error_s = remaining
 

@@ -134,6 +134,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
         "that is detected and of the rate."
     )
     yield from _by_kind(evaluation, measured)
+    yield from _by_footage(evaluation, measured)
     if any(
         one.value == 0 and (one.measure, one.condition) == ("false_alarms_per_minute", SHIPPED)
         for one in evaluation.measurements
@@ -143,6 +144,28 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
             f"A detector without a false alarm in {number(minutes)} minutes may still have up to "
             f"{bound} per minute (the rule of three, 95 %)."
         )
+
+
+def _by_footage(
+    evaluation: Evaluation, measured: dict[tuple[str, str, str], Measurement]
+) -> Iterator[str]:
+    """Yield lines for manifests: false alarms per minute by the manifest's kinds of motion."""
+    start = f"{SHIPPED}, "
+    kinds = dict.fromkeys(
+        condition.removeprefix(start)
+        for _, measure, condition in measured
+        if measure == "false_alarms_per_minute" and condition.startswith(start)
+    )
+    if len(kinds) < 3 or any(measure == "alarmed_share" for _, measure, _ in measured):
+        return  # stimuli have shares of clips by kind
+    yield "false alarms per minute by kind of motion, alarm as shipped; 95 % intervals in brackets"
+    labels = {detector.name: full_label(detector.name) for detector in evaluation.detectors}
+    width, wide = max(map(len, kinds)), 22
+    yield "  ".join([" " * width, *(f"{label:<{wide}}" for label in labels.values())]).rstrip()
+    for kind in kinds:
+        rates = (measured.get((name, "false_alarms_per_minute", start + kind)) for name in labels)
+        cells = (f"{_value(rate)}{_interval(rate)}" for rate in rates)
+        yield "  ".join([f"{kind:<{width}}", *(f"{cell:<{wide}}" for cell in cells)]).rstrip()
 
 
 def _by_kind(

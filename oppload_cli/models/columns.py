@@ -82,8 +82,8 @@ ALARM_DETAILS = (
     Column(
         "evidence_over_threshold",
         "",
-        "evidence divided by the alarm's threshold; near a contact the evidence is larger than the "
-        "response. If this is above 1 the frame counts for the alarm, unless it is blind",
+        "evidence divided by the alarm's threshold; evidence is the response, and 0 in a blind "
+        "frame. If this is above 1 the frame counts for the alarm",
     ),
     Column("time_to_contact_s", "s", "time to contact of the strongest looming object, if known"),
     Column(

@@ -226,6 +226,8 @@ class Detector(ABC):
         The least height and width of the frames, in px.
     warm_up : int
         Number of intervals at the start without a response.
+    witnesses : tuple of str
+        Names of the columns whose measurements together are the reason of an alarm.
     places : bool
         Whether the responses have boxes, and `units` shows where objects loom.
 
@@ -264,6 +266,7 @@ class Detector(ABC):
     cost_ms: ClassVar[float | None] = None
     least_size: ClassVar[tuple[int, int]] = (1, 1)
     warm_up: ClassVar[int] = 1
+    witnesses: ClassVar[tuple[str, ...]] = ()
     places: ClassVar[bool] = False
 
     def __init__(

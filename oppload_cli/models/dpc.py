@@ -305,17 +305,3 @@ def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
     """Return ``L8``, the luminance in integer grey levels, 0 to 255; errors as `check_frame`."""
     check_frame(luma, shape)
     return np.asarray(cv2.convertScaleAbs(luma, alpha=255.0), np.uint8)
-
-
-def smaller(luma: Map, reduction: int) -> Map:
-    """Return a frame reduced in size: each of its pixels is the mean of a square of pixels.
-
-    `reduction` is the side of the squares in pixels. The result has the shape (height // reduction,
-    width // reduction), each at least 1: rows and columns at the end that do not fill a square are
-    left out. Source: ``docs/default-equations.md``.
-    """
-    height, width = (max(1, length // reduction) for length in luma.shape)
-    squares = luma[: reduction * height, : reduction * width]
-    return np.asarray(
-        cv2.resize(squares, (width, height), interpolation=cv2.INTER_AREA), np.float32
-    )

@@ -115,6 +115,7 @@ class Opplod(Detector):
             "lplc2",
         ),
     )
+    witnesses = "growth", "opponency"
     places = True
 
     params: OpplodParams

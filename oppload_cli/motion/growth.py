@@ -24,6 +24,9 @@ _FLOW_VARIANCE = 0.002
 # The search moves patches of 8 samples every 4 samples, so that neighbouring vectors err alike: one
 # vector in 16 is independent.
 _ALIKE = 16
+# Half the side of the square in which the growth of an object is measured, as a share of the
+# shorter side of the frame: 16 px of 240.
+_HALF_SHARE = 1 / 15
 
 
 class WindowFit(NamedTuple):
@@ -170,33 +173,35 @@ class Growth(NamedTuple):
     error: float
 
 
-def growth_within(flow: Flow, region: tuple[float, float, float, float]) -> Growth | None:
-    """Measure the growth of the object in a region of the frame.
+def growth_within(flow: Flow, x: float, y: float) -> Growth | None:
+    """Measure the growth about a place, in a small square.
 
-    Least squares fit a shift, a growth k and a turn w to the flow:
+    The square lies inside most objects that are near contact: a larger one includes ground, and
+    makes the contact seem later (``docs/footage.md``). Least squares fit a shift, a growth k and a
+    turn w to the flow:
     ``(u, v) = (a, b) + k (x, y) + w (-y, x)``. The error of k follows from what the fit leaves.
 
     Parameters
     ----------
     flow : Flow
         The motion since an earlier picture.
-    region : tuple of float
-        Centre (x, y) and half sizes in px of the working frame.
+    x, y : float
+        The place in px of the working frame.
 
     Returns
     -------
     Growth or None
-        None if fewer than 3 x 3 samples of the flow lie in the region.
+        None if fewer than 3 x 3 samples of the flow lie in the square.
     """
-    centre_x, centre_y, half_x, half_y = region
     rows, columns = flow.vectors.shape[:2]
-    left, right = _within(centre_x, half_x, columns, flow.side)
-    top, bottom = _within(centre_y, half_y, rows, flow.side)
+    half = _HALF_SHARE * min(rows, columns) * flow.side
+    left, right = _within(x, half, columns, flow.side)
+    top, bottom = _within(y, half, rows, flow.side)
     if right - left < 3 or bottom - top < 3:
         return None
     vectors = flow.vectors[top:bottom, left:right].astype(np.float64)
-    y, x = np.mgrid[top:bottom, left:right] * float(flow.side)
-    places = (x - x.mean()) + 1j * (y - y.mean())
+    down, across = np.mgrid[top:bottom, left:right] * float(flow.side)
+    places = (across - across.mean()) + 1j * (down - down.mean())
     motion = (vectors[..., 0] - vectors[..., 0].mean()) + 1j * (
         vectors[..., 1] - vectors[..., 1].mean()
     )

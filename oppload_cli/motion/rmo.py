@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 class RmoParams(Parameters):
     """Parameters of motion vectors and of radial motion opponency (``docs/rmo.md``).
 
-    The first four are used where vectors are taken from a video; the others belong to the metric.
+    The first three are used where vectors are taken from a video; the others belong to the metric.
 
     Examples
     --------
     >>> import oppload_cli as oppload
     >>> oppload.RmoParams().names()[:2]
-    ('grid', 'reduction')
+    ('grid', 'minimum_speed')
     """
 
     grid: int | None = parameter(
@@ -45,9 +45,6 @@ class RmoParams(Parameters):
         "distance between motion vectors; auto: 1/17 of the working height",
         unit="px",
         low=4,
-    )
-    reduction: int = parameter(
-        4, "factor by which frames are reduced before the flow is computed", choices=(1, 2, 4)
     )
     minimum_speed: float = parameter(
         0.2, "slower motion vectors are dropped", unit="px/frame", low=0.0

@@ -13,7 +13,7 @@ from oppload_cli.models.detector import Box
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.palette import INK, ink_on
-from oppload_cli.results.alarms import ENOUGH_BEFORE_CONTACT, uncounted_in
+from oppload_cli.results.alarms import uncounted_in
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.reading import (
     alarm_rows,
@@ -123,7 +123,7 @@ class Content:
 
     @property
     def reason(self) -> str:
-        """Why the strongest response above its threshold caused no alarm, or one below it did.
+        """Why the strongest response above its threshold caused no alarm.
 
         The text is the end of a sentence; it is empty in all other cases.
         """
@@ -134,8 +134,6 @@ class Content:
         if best.peak > max([1.0, *(each.peak for each in alarms)]):
             alarms_part = self.result.part("alarms")
             return f", {uncounted_in(alarms_part, best.name, beside_alarms=bool(alarms))}"
-        if best.peak <= 1 and any(each.contact_s is not None for each in alarms):
-            return f", {ENOUGH_BEFORE_CONTACT}"
         return ""
 
     @property

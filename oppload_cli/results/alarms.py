@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import printable
@@ -39,9 +39,9 @@ class _AlarmEvent:
     box: list[float] | None = None
     # From the start of the alarm to contact, by the first estimate during the alarm.
     time_to_contact_s: float | None = None
-    # Whether the alarm began because contact was near: the response was not above the threshold,
-    # but an object had a time to contact. None before the first frame.
-    near_contact: bool | None = None
+    # The measurements on which the response rests at its largest ratio to the threshold, by the
+    # names of the detector's columns (`Detector.witnesses`).
+    witnesses: dict[str, float] = field(default_factory=dict)
 
     def add(self, record: FrameRecord, model: str) -> None:
         """Take a frame in which the alarm is on."""
@@ -50,11 +50,11 @@ class _AlarmEvent:
         if detection is not None and detection.time_to_contact_s is not None:
             contact_s = record.time_s - self.start_s + detection.time_to_contact_s
             self.time_to_contact_s = self.time_to_contact_s or contact_s
-        if self.near_contact is None:  # the first frame of the alarm
-            below = ratio is not None and ratio <= 1
-            self.near_contact = below and self.time_to_contact_s is not None
         if ratio is not None and ratio > self.peak_over_threshold:
             self.peak_over_threshold = ratio
+            response = record.responses[model]
+            values = ((name, getattr(response, name)) for name in detector_named(model).witnesses)
+            self.witnesses = {name: value for name, value in values if value is not None}
             self.box = list(detection.box) if detection is not None else self.box
 
 
@@ -100,9 +100,14 @@ class Verdict(NamedTuple):
         if not self.strongest:
             largest = ", response above a threshold of 0"
         elif self.strongest <= 1:
-            best = max(self.alarms, key=lambda each: each.peak_over_threshold)
-            above = "but above the threshold when the alarm began"
-            largest += f", {ENOUGH_BEFORE_CONTACT if best.near_contact else above}"
+            largest += ", but above the threshold when the alarm began"
+        best = max(self.alarms, key=lambda alarm: alarm.peak_over_threshold)
+        units = {column.name: column.unit for column in detector_named(self.model).columns}
+        because = ", ".join(
+            f"{name} {value:.2g}" + f" {units[name]}".rstrip()
+            for name, value in best.witnesses.items()
+        )
+        largest += f" ({because})" if because else ""
         return f"alarm at {first.start_s:.2f} s (frame {first.start_frame}{contact}){many}{largest}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -111,8 +116,6 @@ class Verdict(NamedTuple):
         return {"alarms": alarms, "peak": self.peak, "peak_blind": self.peak_blind}
 
 
-# The end of a sentence about a response below the threshold.
-ENOUGH_BEFORE_CONTACT = "which is enough shortly before contact"
 _CAUSES = {
     "start": "came at the start",
     "cut": "came at a cut or a flash",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.compute import loops
-from oppload_cli.models import camera, dlgmd, dpc, opposing_motion
+from oppload_cli.models import dlgmd, dpc, opposing_motion
 from oppload_cli.models.dpc import DpcParams, Kernels, PresynapticSums
 from oppload_cli.models.opposing_motion import cell_centres, offset_weights, pooling_weights
 from oppload_cli.motion import rmo
@@ -49,8 +49,7 @@ def plain(function: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
     "compiled",
     [
         *(dpc.presynaptic_sums, dlgmd.group, opposing_motion.pool),
-        *(opposing_motion.opponent_products, camera.leave_out_moving),
-        rmo.rmo_sums,
+        *(opposing_motion.opponent_products, rmo.rmo_sums),
     ],
 )
 def test_a_twin_has_the_name_and_the_arguments_of_its_plain_function(
@@ -214,46 +213,17 @@ def test_pooling(shape: tuple[int, int], cell: int, sigma: float) -> None:
 
 
 @pytest.mark.parametrize("axes", [(0, 90), (45, 135), (135,)])
-@pytest.mark.parametrize("cone", [90.0, 60.0, 45.0, 20.0])
-def test_opponent_products(axes: tuple[int, ...], cone: float) -> None:
+def test_opponent_products(axes: tuple[int, ...]) -> None:
     for shape, reach in (((1, 1), 3), ((5, 17), 6), ((9, 9), 2), ((4, 30), 0), ((2, 3), 9)):
         pooled = np.random.default_rng(axes).random((2 * len(axes), *shape), dtype=np.float32)
-        weights = np.array([offset_weights(reach, axis, cone, 0.7) for axis in axes])
+        weights = np.array([offset_weights(reach, axis, 0.7) for axis in axes])
         found = opposing_motion.opponent_products(pooled, weights)
         for n, axis in enumerate(axes):
             one, other = pooled[n], pooled[len(axes) + n]
-            expected = reference.opponent_products(one, other, axis, reach, w_p=0.7, cone=cone)
+            expected = reference.opponent_products(one, other, axis, reach, w_p=0.7)
             np.testing.assert_allclose(found[n], expected, atol=2e-5)
         alike = plain(opposing_motion.opponent_products)(pooled, weights)
         np.testing.assert_allclose(found, alike, atol=1e-5)
-
-
-@pytest.mark.parametrize("side", camera._SIDES)
-def test_leave_out_moving(side: Callable[[Map], Map]) -> None:
-    rng = np.random.default_rng(3)
-    for shape, reach, border in (
-        ((1, 1), 3, 1),
-        ((9, 17), 6, 2),
-        ((30, 20), 40, 6),
-        ((4, 9), 0, 1),
-        ((9, 17), 3, 6),
-    ):
-        change = rng.random(shape, dtype=np.float32) ** 2
-        change[shape[0] // 2 :, shape[1] // 2 :] *= 0.05  # so that the least P of 0.02 counts
-        maps = rng.random((4, *shape), dtype=np.float32) + 1
-        alike = maps.copy()
-        for some, function in (
-            (maps, camera.leave_out_moving),
-            (alike, plain(camera.leave_out_moving)),
-        ):
-            strips = [side(each)[:, :reach] for each in some]
-            function(strips, side(change)[:, :reach], border, 0.02, 0.3)
-        np.testing.assert_array_equal(maps, alike)
-        for line, values in zip(side(change), side(maps[0]), strict=True):
-            least = max(0.02, 0.3 * line[:reach][:border].max(initial=0.0))
-            moves = [bool(p >= least) for p in line[:reach]]
-            left_out = [all(moves[: n + 1]) for n in range(len(moves))]
-            assert (values[:reach] == 0).tolist() == left_out
 
 
 # ---- Motion --------------------------------------------------------------------------------

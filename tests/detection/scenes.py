@@ -141,26 +141,8 @@ def looming_over(ground: list[Luma]) -> list[Luma]:
     return shown
 
 
-def alarms(
-    video: FrameSource,
-    preset: str,
-    *,
-    at_once: bool = False,
-    steady_view: bool = True,
-    passing: bool = True,
-    **changes: float,
-) -> list[int]:
-    """Return the frames in which OppLoD's alarm is on.
-
-    A sudden response is one too, `at_once`. Without `passing`, objects that pass are not left out.
-    Preset `reference` has neither this part nor a steady view.
-    """
-    params = alarm_params(preset, **changes)
-    own = parameters_of("opplod", preset)
-    own = own.replaced(
-        steady_view=steady_view and own.steady_view,
-        passing=own.passing if passing else 0,
-        sudden=0 if at_once else own.sudden,
-    )
+def alarms(video: FrameSource, preset: str, **changes: float) -> list[int]:
+    """Return the frames in which OppLoD's alarm is on."""
+    own, params = parameters_of("opplod", preset), alarm_params(preset, **changes)
     found = analyse(video, [own], alarm=params, rmo=None)
     return [each.frame for each in found if each.alarms.get("opplod")]

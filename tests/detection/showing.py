@@ -9,6 +9,7 @@ import numpy as np
 
 from oppload_cli.detection.places import Places
 from oppload_cli.models.opplod import Opplod
+from oppload_cli.motion.flow import DenseFlow
 from tests.media import disk
 from tests.presets import PLACES, REFERENCE
 
@@ -48,14 +49,14 @@ def shown(
 ) -> list[list[Track]]:
     """Return the objects of every frame; in `hidden` frames no unit answers."""
     model = Opplod((SIZE, SIZE), REFERENCE, frame_rate=rate if interval_s else None)
-    places = Places(params or PLACES, interval_s)
+    places, measured = Places(params or PLACES), DenseFlow(interval_s)
     found: list[list[Track]] = []
     for t, frame in enumerate(frames):
-        answer = model.step(frame)
+        answer, flow = model.step(frame), measured.step(frame, t / rate)
         if answer is None:
             found.append([])
             continue
         if t in set(hidden):
             model.units.responses[:] = 0
-        found.append([copy(each) for each in places.step(model.units, frame, t / rate)])
+        found.append([copy(each) for each in places.step(model.units, flow, t / rate)])
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,14 +18,11 @@ from tests.detection.scenes import alarms
 from tests.media import write_video
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
-
-    from oppload_cli.video.frames import Frame, FrameSource, InputFacts, WorkingSize
 
 HEIGHT = PRESETS["default"].height
 LOOM = "klapoetke2017/loom-l-over-v"
-LEADS = {20: 7, 40: 13, 60: 17, 80: 21, 100: 24}  # frames before contact
+LEADS = {20: 5, 40: 9, 60: 13, 80: 16, 100: 19}  # frames before contact
 EARLIEST, LEAD = 40, 3  # frames, for disks beside the middle
 BESIDE = -18, 15  # deg
 QUICK = (20, BESIDE), (40, (0, 0)), (100, BESIDE)
@@ -70,94 +66,58 @@ def test_every_control_gives_no_alarm(name: str, preset: str) -> None:
         assert alarms(StimulusVideo(protocol, HEIGHT), preset) == [], protocol.name
 
 
-@dataclass(frozen=True)
-class Rendered:
-    """A stimulus that is rendered once and seen several times."""
-
-    facts: InputFacts
-    working: WorkingSize
-    frames: list[Frame]
-
-    @classmethod
-    def of(cls, video: FrameSource) -> Rendered:
-        return cls(video.facts, video.working, list(video))
-
-    def __iter__(self) -> Iterator[Frame]:
-        return iter(self.frames)
-
-
 MOVING, SHAKEN = "controls/looming-on-moving-texture", "controls/looming-with-shake"
 SPEED, SHAKE = "ground.motion.speed_deg_s", "scene.motion.shake_deg"
 
 
-def leads(
-    name: str, changes: dict[str, float], **parameters: float
-) -> tuple[float | None, float | None]:
-    """Return the times from the first alarm to contact, in s to a hundredth.
-
-    The first one is that of preset default, the second one that with other parameters.
-    """
+def lead(name: str, preset: str, **changes: float) -> float | None:
+    """Return the time from the first alarm to contact in seconds; None without an alarm."""
     protocol = stimulus.load_all(name, changes)[0]
     contact_s = contact_time(protocol)
     assert contact_s
-    video, default = (
-        Rendered.of(StimulusVideo(protocol, HEIGHT)),
-        parameters_of("opplod", "default"),
-    )
-    found = []
-    for params in (default, default.replaced(**parameters)):
-        records = analyse(video, [params], rmo=None)
-        first_s = next((record.time_s for record in records if record.alarms["opplod"]), None)
-        found.append(None if first_s is None else round(contact_s - first_s, 2))
-    return found[0], found[1]
+    video = StimulusVideo(protocol, HEIGHT)
+    on = alarms(video, preset)
+    return contact_s - on[0] / float(video.facts.frame_rate or 0) if on else None
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("name", "changes", "lead_s", "without_s"),
+    ("name", "changes", "lead_s"),
     [
-        (MOVING, {SPEED: 60}, 0.2, None),
-        pytest.param(MOVING, {SPEED: 120}, 0.13, None, marks=pytest.mark.slow),
-        (MOVING, {"display.frame_rate": 10}, 0.2, None),
-        pytest.param(MOVING, {"display.frame_rate": 120}, 0.3, None, marks=pytest.mark.slow),
-        (MOVING, {"effects.noise": 0.05}, 0.27, 0.17),
-        (SHAKEN, {SHAKE: 3.2}, 0.27, None),
+        (MOVING, {SPEED: 60}, 0.233),
+        pytest.param(MOVING, {SPEED: 120}, 0.233, marks=pytest.mark.slow),
+        (MOVING, {"display.frame_rate": 10}, 0.2),
+        pytest.param(MOVING, {"display.frame_rate": 120}, 0.275, marks=pytest.mark.slow),
+        (MOVING, {"effects.noise": 0.05}, 0.267),
+        (SHAKEN, {SHAKE: 3.2}, 0.167),
     ],
 )
 def test_a_view_that_moves_does_not_hide_an_approach(
-    name: str, changes: dict[str, float], lead_s: float, without_s: float | None
+    name: str, changes: dict[str, float], lead_s: float
 ) -> None:
     """The ground moves by 15 deg/s and is seen at 30 frames/s, if nothing else is said.
 
-    Versions of OpenCV differ: at 120 deg/s the lead is 0.3 s with 4.9, and 0.13 s with 5.
+    The motion of the ground hides the approach from the units alone.
     """
-    found, without = leads(name, changes, steady_view=False)
-    assert found
-    assert lead_s <= found <= 0.3
-    assert without == without_s
+    assert lead(name, "default", **changes) == pytest.approx(lead_s, abs=0.04)
+    assert lead(name, "reference", **changes) is None
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("noise", "rate", "lead_s", "without_s"),
+    ("noise", "rate"),
     [
-        (0.05, 30, 0.3, 0.2),
-        (0.2, 30, 0.2, None),
-        (0.1, 15, 0.23, 0.1),
-        *(
-            pytest.param(0.1, rate, 0.23, None, marks=pytest.mark.slow)  # the others are like them
-            for rate in (30, 60)
-        ),
+        (0.05, 30),
+        (0.2, 30),
+        (0.1, 15),
+        *(pytest.param(0.1, rate, marks=pytest.mark.slow) for rate in (30, 60)),  # like the others
     ],
 )
-def test_noise_does_not_hide_an_approach(
-    noise: float, rate: int, lead_s: float | None, without_s: float | None
-) -> None:
+def test_noise_does_not_hide_an_approach(noise: float, rate: int) -> None:
     changes = {"effects.noise": noise, "display.frame_rate": rate}
-    filtered, unfiltered = leads("controls/looming-noise", changes, residual_noise=0)
-    # Versions of OpenCV differ: without the filter the lead at 15 frames/s is 0.17 s with 4.12.
-    assert filtered == pytest.approx(lead_s, abs=0.08)
-    assert unfiltered == pytest.approx(without_s, abs=0.08)
+    name = "controls/looming-noise"
+    assert lead(name, "default", **changes) == pytest.approx(0.37, abs=0.08)
+    assert lead(name, "reference", **changes) is None
 
 
 @pytest.mark.slow
@@ -227,11 +187,11 @@ def test_a_looming_disk_alarms_before_contact(l_over_v: int, centre: tuple[int, 
 @pytest.mark.parametrize(
     ("name", "largest", "contacts"),
     [
-        ("controls/dots-coherence/coherence-0", 0.0397, 0),
-        ("controls/dots-coherence/coherence-0.5", 0.0277, 0),
-        ("controls/translating-disk-direction/rotation-0", 0.00307, 1),
-        ("opplod2023/looming-disk-centre", 0.0815, None),
-        ("opplod2023/looming-disk-off-centre", 0.0918, None),
+        ("controls/dots-coherence/coherence-0", 1.91e-4, 0),
+        ("controls/dots-coherence/coherence-0.5", 1.52e-5, 0),
+        ("controls/translating-disk-direction/rotation-0", 2.3e-9, 0),
+        ("opplod2023/looming-disk-centre", 4.22e-3, None),
+        ("opplod2023/looming-disk-off-centre", 4.79e-3, None),
     ],
 )
 def test_the_responses_from_which_the_floor_follows(
@@ -242,6 +202,7 @@ def test_the_responses_from_which_the_floor_follows(
     video, params = StimulusVideo(protocol, HEIGHT), [parameters_of("opplod", "default")]
     records = list(analyse(video, params, alarm=alarm_params("default"), rmo=None))
     responses = [each.responses["opplod"] for each in records if not each.blind]
-    assert max(one.response for one in responses if one) == pytest.approx(largest, rel=0.01)
+    found = max(one.response for one in responses if one)
+    assert found == pytest.approx(largest, rel=0.05, abs=1e-6)
     known = [each for each in records if any(one.time_to_contact_s for one in each.detections)]
     assert contacts is None or len(known) == contacts

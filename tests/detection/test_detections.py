@@ -10,10 +10,11 @@ from oppload_cli import Detection, FrameRecord, OpplodResponse, alarm_params, an
 from oppload_cli.detection.places import Detections
 from oppload_cli.models.detector import Box, Response
 from oppload_cli.models.opplod import Opplod
+from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.video.frames import WorkingSize
 from oppload_cli.video.optics import View
 from tests.detection.showing import RATE, SIZE, approaching, remaining, together
-from tests.media import disk, write_video
+from tests.media import write_video
 from tests.presets import PLACES, REFERENCE
 
 if TYPE_CHECKING:
@@ -34,13 +35,12 @@ def detected(
 ) -> list[Detection]:
     """The detections of the last frame; the alarm goes on with it."""
     model = Opplod((SIZE, SIZE), REFERENCE)
-    detections = Detections(TWICE, PLACES)
-    *before, last = frames
-    for t, frame in enumerate(before):
+    detections, measured = Detections(TWICE, PLACES), DenseFlow()
+    found: tuple[Detection, ...] = ()
+    for t, frame in enumerate(frames):
+        flow = measured.step(frame, t / RATE)
         if model.step(frame):
-            detections.step(model.units, frame, t / RATE)
-    model.step(last)
-    found = detections.step(model.units, last, len(before) / RATE)
+            found = detections.step(model.units, flow, t / RATE)
     return list(detections.with_alarm(found, alarm=alarm, threshold=threshold))
 
 
@@ -143,36 +143,3 @@ def test_a_box_ends_at_the_right_and_the_lower_edge_of_a_wide_frame() -> None:
     [found] = Detections(WorkingSize(40, 30, 3.0, 2.0), PLACES).of_box(answer)
     assert [*found.box] == [90, 40, 30, 20]
     assert (found.centre_x, found.centre_y) == (120, 70)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("grey", "left", "right", "share"),
-    [
-        # The disk on the left is near, but the other one has the larger response: no contact.
-        (0.0, (8.0, 52), (40.0, 70), 1.0),
-        # The disk on the left is near, has the larger response, and alone has a time to contact.
-        (0.3, (5.0, 48), (30.0, 60), alarm_params("default").contact_share),
-    ],
-)
-def test_the_alarm_counts_the_contact_of_the_object_with_the_largest_response(
-    grey: float, left: tuple[float, int], right: tuple[float, int], share: float
-) -> None:
-    def shown(x: float, length: float, contact: int, value: float) -> list[Luma]:
-        disks = (disk(SIZE, x, 120, length / remaining(t, contact)) for t in range(40))
-        return [np.maximum(each, value) for each in disks]
-
-    frames = np.array(together(shown(60, *left, grey), shown(180, *right, 0)))
-    records = analyse((255 * frames).astype(np.uint8), rate=RATE, rmo=False)
-    judged = []
-    for record in records:
-        near = [
-            each.time_to_contact_s is not None
-            and each.time_to_contact_s < alarm_params("default").contact_s
-            for each in record.detections
-        ]
-        response = record.responses["opplod"]
-        if response and len(set(near)) == 2:
-            assert response.response / record.evidence["opplod"] == pytest.approx(share)
-            judged.append(near[0])
-    assert judged == [share < 1] * 2

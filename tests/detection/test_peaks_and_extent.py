@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from oppload_cli.detection import places as module
-from oppload_cli.detection.growth import Extent, Growth, PlaceParams, Products
+from oppload_cli.detection.growth import Extent, PlaceParams, Products
 from oppload_cli.detection.places import Places, _focus, _peaks
 from oppload_cli.models.detector import UnitMaps
+from oppload_cli.motion.flow import Flow
+from oppload_cli.motion.growth import Growth
 
 if TYPE_CHECKING:
-    from oppload_cli.detection.growth import Pyramid, Region
+    from oppload_cli.models.dpc import Map
 
 CELLS, CELL = 41, 8.0
 MIDDLE = CELLS // 2
@@ -95,6 +97,29 @@ def test_what_moves_together_counts_against_the_opponency_only() -> None:
     assert Products(blank()).extent(MIDDLE, MIDDLE, 50, 50) is None
 
 
+def small(up: Map, down: Map) -> UnitMaps:
+    """Nine by nine units that no pooling spreads, with motion up and down only."""
+    centres = np.arange(9.0)
+    pathways = {0: 0 * up, 90: up, 180: 0 * up, 270: down}
+    return UnitMaps(up, pathways, centres, centres, 9, 0)
+
+
+def test_an_object_without_width_has_a_size() -> None:
+    """Two points of motion, one above the other."""
+    up, down = np.zeros((2, 9, 9), np.float32)
+    up[2, 4] = down[6, 4] = 1
+    extent = Products(small(up, down)).extent(4, 4, 4, 4)
+    assert extent is not None
+    assert (extent.x, extent.y) == pytest.approx((0.5, 8**0.5))
+
+
+def test_points_that_move_along_a_line_but_across_the_axis_are_no_object() -> None:
+    """One moves up, and one beside it down, as in a turn."""
+    up, down = np.zeros((2, 9, 9), np.float32)
+    up[4, 6] = down[4, 2] = 1
+    assert Products(small(up, down)).extent(4, 4, 4, 4) is None
+
+
 def test_peaks_have_a_receptive_field_to_themselves() -> None:
     maps = blank()
     for row, column, response in ((20, 20, 9.0), (20, 26, 8.0), (20, 27, 0.0), (27, 20, 5.0)):
@@ -118,9 +143,6 @@ def moved(maps: UnitMaps, right: int) -> UnitMaps:
     return maps._replace(responses=np.roll(maps.responses, right, 1), pathways=pathways)
 
 
-STILL = np.full((CELLS * 8, CELLS * 8), 0.5, np.float32)
-
-
 @pytest.mark.parametrize(("size", "within"), [(1, 3), (5, 8)])
 def test_an_object_is_found_again_near_its_focus_or_within_its_growth(
     size: int, within: int
@@ -132,7 +154,7 @@ def test_an_object_is_found_again_near_its_focus_or_within_its_growth(
     for right, identity in ((within, 1), (within + 1, 2)):
         places = Places(PlaceParams())
         for t, shown in enumerate((maps, moved(maps, right))):
-            [track] = places.step(shown, STILL, t / 30)
+            [track] = places.step(shown, None, t / 30)
             assert (track.identity, track.x) == (identity if t else 1, 164 + 8 * right * t)
 
 
@@ -143,9 +165,9 @@ def test_a_peak_belongs_to_the_nearest_object(responses: tuple[float, float]) ->
     first.responses[MIDDLE, [10, 20]] = responses
     second.responses[MIDDLE, 17] = 1
     places = Places(PlaceParams())
-    both = {track.x: track.identity for track in places.step(first, STILL, 0)}
+    both = {track.x: track.identity for track in places.step(first, None, 0)}
     assert sorted(both) == [84, 164]
-    [track] = places.step(second, STILL, 1 / 30)
+    [track] = places.step(second, None, 1 / 30)
     assert track.identity == both[164]
 
 
@@ -155,9 +177,9 @@ def test_an_object_keeps_its_number_for_a_fifth_of_a_second(later_s: float, iden
     maps = blank()._replace(pathways={})
     maps.responses[MIDDLE, MIDDLE] = 1
     places = Places(PlaceParams())
-    places.step(maps, STILL, 0)
-    assert places.step(maps._replace(responses=0 * maps.responses), STILL, 0.1) == []
-    assert [track.identity for track in places.step(maps, STILL, later_s)] == [identity]
+    places.step(maps, None, 0)
+    assert places.step(maps._replace(responses=0 * maps.responses), None, 0.1) == []
+    assert [track.identity for track in places.step(maps, None, later_s)] == [identity]
 
 
 def test_an_object_is_first_sought_within_a_field_around_its_unit() -> None:
@@ -166,40 +188,37 @@ def test_an_object_is_first_sought_within_a_field_around_its_unit() -> None:
     apart(maps, 2, 2, 1.0)
     apart(maps, 16, 16, 0.5)
     maps.responses[MIDDLE, MIDDLE] = 1
-    [track] = Places(PlaceParams()).step(maps, STILL, 0)
+    [track] = Places(PlaceParams()).step(maps, None, 0)
     assert track.extent.x == pytest.approx(math.sqrt(2 * 16**2 - 4**2))
 
 
-def test_growth_is_measured_around_the_box_since_the_youngest_frame_of_an_interval_ago(
+def test_growth_is_measured_about_the_place_of_the_largest_response(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The region is 1.15 times the box, which is up to 10 % too small; the frames have numbers."""
     given = []
 
-    def growth(now: Pyramid, before: Pyramid, region: Region, start: float) -> Growth:
-        frames = (float(each.samples((9, 9, 1, 1), 0)[0, 0]) for each in (now, before))
-        given.append((*frames, region, start))
-        return Growth(-0.1, 0.001)
+    def growth_within(flow: Flow, x: float, y: float) -> Growth:
+        given.append((flow, x, y))
+        return Growth(0.1, 0.001)
 
-    monkeypatch.setattr(module, "growth", growth)
+    monkeypatch.setattr(module, "growth_within", growth_within)
     maps = blank()
     apart(maps, 5, 3, 1.0)
     maps.responses[MIDDLE, MIDDLE] = 1
-    places = Places(PlaceParams(), 1 / 30)
-    for t, time_s in enumerate((0.0, 0.01, 0.02, 0.0325, 0.1, 0.14)):
-        [track] = places.step(maps, np.full_like(STILL, t), time_s)
-    extent = extent_of(maps)
-    assert [each[:2] for each in given] == [(3, 0), (4, 3), (5, 4)]
-    for each in given:
-        assert each[2] == pytest.approx((164, 164, 1.15 * extent.x, 1.15 * extent.y))
-    # A shrinkage of 0.1 in s seconds gives the contact 9 s later.
-    contact_s = (0.0325 + 9 * 0.0325, 0.1 + 9 * 0.0675)
-    expected = [-0.0675 / (contact_s[0] - 0.0325), -0.04 / (contact_s[1] - 0.1)]
-    assert [each[3] for each in given] == pytest.approx([0, *expected])
+    places = Places(PlaceParams())
+    still = np.zeros((1, 1, 2), np.float32)
+    flows = [Flow(still, still[..., 0], 8, passed_s) for passed_s in (0.03, 0.04, 0.05, 0.02)]
+    places.step(maps, None, 0.0)
+    for time_s, flow in zip((0.1, 0.15, 0.2, 0.25), flows, strict=True):
+        [track] = places.step(maps, flow, time_s)
+    assert given == [(flow, 164, 164) for flow in flows]
+    # A growth of 0.1 in d seconds gives the contact 10 d later.
+    contacts_s = [each[1] for each in track.contact._samples]
+    assert contacts_s == pytest.approx([0.1 + 0.3, 0.15 + 0.4, 0.2 + 0.5, 0.25 + 0.2])
     # An estimate holds for its frame only.
     track.time_to_contact_s = track.time_to_contact_error_s = 1.0
-    monkeypatch.setattr(module, "growth", lambda *_: None)
-    [track] = places.step(maps, STILL, 9.0)
+    monkeypatch.setattr(module, "growth_within", lambda *_: None)
+    [track] = places.step(maps, flow, 9.0)
     assert (track.time_to_contact_s, track.time_to_contact_error_s) == (None, None)
 
 

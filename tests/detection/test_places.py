@@ -11,6 +11,8 @@ import pytest
 from oppload_cli.detection.growth import Contact, Extent
 from oppload_cli.detection.places import Places, Track, _Peak
 from oppload_cli.models.opplod import Opplod
+from oppload_cli.motion.flow import DenseFlow
+from oppload_cli.motion.growth import growth_within
 from tests.detection.showing import LENGTH, RATE, SIZE, approaching, remaining, shown, together
 from tests.media import disk, texture
 from tests.presets import PLACES, REFERENCE
@@ -127,7 +129,7 @@ def test_the_first_object_is_the_winning_unit(seed: int) -> None:
         answer = model.step(luma)
     assert answer is not None
     assert answer.box is not None
-    first, *others = Places(PLACES.replaced(share=0, most=20)).step(model.units, luma, 0)
+    first, *others = Places(PLACES.replaced(share=0, most=20)).step(model.units, None, 0)
     assert first.response == pytest.approx(answer.response, rel=1e-5)
     field = answer.box.width
     middle = answer.box.x + field / 2, answer.box.y + field / 2
@@ -160,27 +162,30 @@ def test_nothing_is_found_where_nothing_looms() -> None:
 
 
 def test_an_object_that_no_longer_moves_keeps_its_extent() -> None:
-    """Persistence keeps the response of its unit, but no product shows its size."""
+    """The unit responds, but no product shows the size of the object."""
     model, places = Opplod((SIZE, SIZE), REFERENCE), Places(PLACES)
     for frame in approaching(120, 120, 24, 18):
         model.step(frame)
-    first = copy(places.step(model.units, frame, 0)[0])
+    first = copy(places.step(model.units, None, 0)[0])
     still = {phi: np.zeros_like(s) for phi, s in model.units.pathways.items()}
-    later = places.step(model.units._replace(pathways=still), frame, 1 / RATE)[0]
+    later = places.step(model.units._replace(pathways=still), None, 1 / RATE)[0]
     assert (later.identity, later.extent) == (first.identity, first.extent)
     assert later.time_to_contact_s is None
 
 
-def test_growth_is_not_measured_over_less_than_the_interval() -> None:
-    """At 240 frames/s the first frame is an interval old at the ninth."""
-    model, places = Opplod((SIZE, SIZE), REFERENCE), Places(PLACES, 1 / 30)
+def test_growth_is_measured_over_the_time_between_the_pictures_of_the_flow() -> None:
+    """At 240 frames/s a frame is compared with the one that is eight frames older."""
+    model, places, measured = Opplod((SIZE, SIZE), REFERENCE), Places(PLACES), DenseFlow()
     for frame in approaching(120, 120, 24, 18):
         model.step(frame)
-    counts = []
-    for t in range(10):
-        [track] = places.step(model.units, disk(SIZE, 120, 120, 50 + t / 2), t / 240)
-        counts.append(len(track.contact._samples))
-    assert counts == [*[0] * 8, 1, 2]
+    passed_s = []
+    for t in range(12):
+        flow = measured.step(disk(SIZE, 120, 120, 50 + t / 2), t / 240)
+        [track] = places.step(model.units, flow, t / 240)
+        if flow and (found := growth_within(flow, track.x, track.y)):
+            time_s, contact_s, _ = track.contact._samples[-1]
+            passed_s.append((contact_s - time_s) * found.growth)
+    assert passed_s == pytest.approx([min(t, 8) / 240 for t in range(1, 12)])
 
 
 def test_units_of_the_literal_model_are_objects_with_their_field() -> None:
@@ -191,6 +196,6 @@ def test_units_of_the_literal_model_are_objects_with_their_field() -> None:
     model = Opplod((SIZE, SIZE), params)
     for frame in approaching(120, 120, 24, 18):
         model.step(frame)
-    first = Places(PLACES).step(model.units, frame, 0)[0]
+    first = Places(PLACES).step(model.units, None, 0)[0]
     assert (first.x, first.y, first.extent.x, first.extent.y) == (120, 120, 50, 50)
     assert first.time_to_contact_s is None

@@ -93,20 +93,6 @@ def test_detectors_share_a_pass_if_their_alarms_are_the_same() -> None:
 
 
 @pytest.mark.long
-def test_within_a_second_of_contact_the_evidence_is_ten_times_the_response() -> None:
-    default, *_ = evaluated_detectors(["opplod:default"])
-    entry = Entry(2, load("controls/looming-patch"), Label("patch", 10, 66))
-    ((clip, _),) = analyse_clips([entry], [default])
-    assert clip is not None
-    found = clip.outputs["opplod:default"]
-    assert found.contact_s is not None
-    near = found.contact_s < 1
-    assert 5 < near.sum() < len(near) / 2
-    assert np.array_equal(found.evidence[near], found.response[near] / 0.1)
-    assert np.array_equal(found.evidence[~near], found.response[~near], equal_nan=True)
-
-
-@pytest.mark.long
 def test_a_detector_whose_alarms_are_off_is_not_one_without_a_false_alarm() -> None:
     off = replace(SMALL[0], alarm=alarm_params("paper"))
     ((clip, _),) = analyse_clips([Entry(2, load("controls/static-texture"), Label("still"))], [off])

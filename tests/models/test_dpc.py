@@ -16,7 +16,6 @@ from oppload_cli.models.dpc import (
     inhibition,
     presynaptic_sums,
     rectified,
-    smaller,
 )
 from oppload_cli.models.layers import Dpc, Layers, Photoreceptors
 from tests import reference
@@ -46,15 +45,6 @@ def all_of(sums: PresynapticSums) -> list[Luma]:
 
 
 # ---- The equations -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("shape", [(7, 9), (4, 3), (1, 5)])
-def test_a_smaller_frame_has_means_of_complete_squares(shape: tuple[int, int]) -> None:
-    (luma,) = random_frames(shape, 1)
-    found = smaller(luma, 2)
-    assert found.shape == (max(1, shape[0] // 2), shape[1] // 2)
-    if shape[0] > 1:
-        np.testing.assert_allclose(found, reference.smaller(luma, 2), rtol=1e-6)
 
 
 @pytest.mark.parametrize("axes", [(45, 135), (0, 90)])
@@ -191,34 +181,6 @@ def test_luma_change_is_the_mean_of_p_from_the_second_frame_on() -> None:
     assert layer.luma_change == pytest.approx(float(np.abs(frames[1] - frames[0]).mean()))
 
 
-def test_a_displacement_explains_the_changes_of_what_moves_on_as_a_whole() -> None:
-    """Two posts of 6 px, in a square of 40 px about the middle of the frame."""
-
-    def not_displaced(left: int, right: int, down: int = 0) -> float:
-        before, now = np.zeros((2, 80, 100), np.float32)
-        before[30:50, 40:46] = before[30:50, 60:66] = 0.5
-        now[30 + down : 50 + down, 40 + left : 46 + left] = 0.5
-        now[30 + down : 50 + down, 60 + right : 66 + right] = 0.5
-        layer = Photoreceptors((80, 100))
-        for luma in (np.zeros_like(now), before, before + now):  # so P is `before`, then `now`
-            layer.step(luma)
-        return layer.not_displaced((40, 50), 20)
-
-    assert not_displaced(7, 7, -5) == pytest.approx(0, abs=1e-6)
-    assert not_displaced(20, 20, 20) == pytest.approx(0, abs=1e-6)
-    # Of posts that move apart a displacement explains one; the other is beyond the square then.
-    assert not_displaced(-8, 8) == pytest.approx(1 / 2)
-    assert not_displaced(21, 21) == pytest.approx(2 / 6)  # of each post, 1 of 6 px, twice
-    assert not_displaced(0, 0) == pytest.approx(2 * 4 / 20)  # as if they moved down by 4 of 20 px
-    assert Photoreceptors((80, 100)).not_displaced((40, 50), 20) == np.inf
-    beyond = np.zeros((80, 100), np.float32)
-    beyond[[19, 60], :] = beyond[:, [29, 70]] = 0.5  # around the square
-    layer = Photoreceptors((80, 100))
-    for luma in (np.zeros_like(beyond), beyond, beyond):
-        layer.step(luma)
-    assert layer.not_displaced((40, 50), 20) == np.inf
-
-
 def test_the_frame_given_may_be_overwritten() -> None:
     frames = random_frames((9, 12))
     shown, layer = frames[0].copy(), Photoreceptors((9, 12))
@@ -228,26 +190,9 @@ def test_the_frame_given_may_be_overwritten() -> None:
     np.testing.assert_array_equal(layer.maps[0], np.abs(frames[1] - frames[0]))
 
 
-@pytest.mark.parametrize("stride", [1, 2, 3])
-def test_layers_of_a_stride_see_the_frames_that_layers_of_every_nth_frame_see(stride: int) -> None:
-    shape = (30, 41)
-    frames = random_frames(shape, 4 * stride + 3)
-    strided = Layers(shape).dpc(DpcParams(), (45, 135), stride)
-    ready = []
-    for t, frame in enumerate(frames):
-        ready.append(strided.step(frame))
-        alone = stepped(frames[t % stride : t + 1 : stride])
-        np.testing.assert_array_equal(strided.layer.photoreceptors.maps, alone.photoreceptors.maps)
-        assert strided.layer.photoreceptors.means == alone.photoreceptors.means
-        if ready[-1]:
-            np.testing.assert_array_equal(all_of(strided.layer.sums), all_of(alone.sums))
-    assert ready == [t >= 3 * stride for t in range(len(frames))]
-
-
-@pytest.mark.parametrize("stride", [1, 2])
-def test_a_refused_frame_changes_nothing(stride: int) -> None:
+def test_a_refused_frame_changes_nothing() -> None:
     shape = (20, 30)
-    one, other = (Layers(shape).dpc(DpcParams(), (45, 135), stride) for _ in "ab")
+    one, other = (Layers(shape).dpc(DpcParams(), (45, 135)) for _ in "ab")
     for frame in random_frames(shape, 9):
         with pytest.raises(FrameError, match="float32 array of shape"):
             one.step(frame[1:])

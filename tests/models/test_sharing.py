@@ -13,11 +13,12 @@ from oppload_cli.models import layers as module
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import DpcParams
+from oppload_cli.models.flow_divergence import FlowDivergenceParams
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.layers import Layers
-from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.registry import detector_of
-from tests.media import looming, texture
+from oppload_cli.motion.flow import DenseFlow
+from tests.media import looming
 from tests.presets import DEFAULT, REFERENCE
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ pytestmark = pytest.mark.once
 SHAPE = (120, 120)
 FRAMES = looming(120, 60, 60, 12)
 OPPLOD, DLGMD, DIFFERENCE = REFERENCE, DlgmdParams(), FrameDifferenceParams()
+FLOW = FlowDivergenceParams()
 OTHER_SIGMA = DlgmdParams(sigma_inhibition=4.0)
 
 
@@ -50,34 +52,39 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
     for name in ("photoreceptors", "presynaptic_sums"):
         monkeypatch.setattr(module, name, counting(name))
+    measure = DenseFlow.step
+
+    def flow(*args: Any) -> Any:
+        counted["flow"] += 1
+        return measure(*args)
+
+    monkeypatch.setattr(DenseFlow, "step", flow)
     return counted
 
 
 @pytest.mark.parametrize(
-    ("params", "photoreceptors", "sums"),
+    ("params", "photoreceptors", "sums", "flows"),
     [
-        ([DIFFERENCE], 11, 0),
-        ([DLGMD], 11, 9),
-        ([OPPLOD, DLGMD, DIFFERENCE], 11, 9),
-        ([DLGMD, DIFFERENCE, OPPLOD], 11, 18),  # the first one asks for no pathways
-        ([OPPLOD, OTHER_SIGMA], 11, 18),
-        # The layers are P over one interval (the bank needs its mean), P over two intervals from
-        # the third frame on, and P in the frame at half its size.
-        ([DEFAULT], 11 + 10 + 11, 6 + 9),
-        ([DLGMD, DEFAULT, DIFFERENCE], 11 + 10 + 11, 9 + 6 + 9),
-        # Steady light changes frames, and motion at the edge changes S_phi: nobody may share them.
-        ([DLGMD, REFERENCE.replaced(light_s=4)], 11 + 11, 9 + 9),
-        ([DLGMD, REFERENCE.replaced(entering=24)], 11 + 11, 9 + 9),
+        ([DIFFERENCE], 11, 0, 0),
+        ([DLGMD], 11, 9, 0),
+        ([OPPLOD, DLGMD, DIFFERENCE], 11, 9, 0),
+        ([DLGMD, DIFFERENCE, OPPLOD], 11, 18, 0),  # the first one asks for no pathways
+        ([OPPLOD, OTHER_SIGMA], 11, 18, 0),
+        ([DEFAULT], 11, 9, 12),
+        ([DEFAULT, DLGMD, DIFFERENCE], 11, 9, 12),
+        ([DEFAULT, FLOW], 11, 9, 12),
+        ([FLOW, DEFAULT], 11, 9, 12),
     ],
 )
 def test_equal_layers_are_computed_once(
-    calls: Counter[str], params: list[Parameters], photoreceptors: int, sums: int
+    calls: Counter[str], params: list[Parameters], photoreceptors: int, sums: int, flows: int
 ) -> None:
     bank = DetectorBank(SHAPE, params)
     for _ in range(2):
         for frame in FRAMES:
             bank.step(frame)
         assert (calls["photoreceptors"], calls["presynaptic_sums"]) == (photoreceptors, sums)
+        assert calls["flow"] == flows
         calls.clear()
         bank.reset()
 
@@ -89,6 +96,7 @@ def test_equal_layers_are_computed_once(
         [DLGMD, OPPLOD],
         [OPPLOD, OTHER_SIGMA],
         [DIFFERENCE, DEFAULT, DLGMD],
+        [FLOW, DEFAULT],
         [REFERENCE.replaced(axes=0), DLGMD],
     ],
 )
@@ -123,16 +131,6 @@ def test_detectors_with_other_axes_have_layers_of_their_own(calls: Counter[str])
     assert (calls["photoreceptors"], calls["presynaptic_sums"]) == (11, 18)
 
 
-def test_layers_over_other_intervals_are_other_layers() -> None:
-    layers = Layers(SHAPE)
-    one, two, again = (layers.photoreceptors(stride).layer for stride in (1, 2, 1))
-    assert [one.stride, two.stride] == [1, 2]
-    assert again is one
-    dpcs = [layers.dpc(OPPLOD, (0, 90), stride).layer for stride in (1, 2, 1)]
-    assert [dpc.photoreceptors.stride for dpc in dpcs] == [1, 2, 1]
-    assert dpcs[0] is dpcs[2]
-
-
 def test_a_refused_frame_is_refused_once_and_changes_no_answer() -> None:
     params = [DEFAULT, DLGMD, DIFFERENCE]
     bank, other = DetectorBank(SHAPE, params), DetectorBank(SHAPE, params)
@@ -146,19 +144,3 @@ def test_a_refused_frame_is_refused_once_and_changes_no_answer() -> None:
         assert answers[-1] == other.step(frame)
         assert bank.luma_change == other.luma_change
     assert any(each["opplod"] and each["opplod"].response for each in answers)
-
-
-@pytest.mark.parametrize("part", [{"light_s": 4.0}, {"border": 6}, {"steady_view": True}])
-def test_each_part_that_sees_frames_first_refuses_them_too(part: dict[str, Any]) -> None:
-    """The view of the camera moves to the right; the refused frames would stop it."""
-    params = REFERENCE.replaced(history=0, **part)
-    model, other = Opplod(SHAPE, params), Opplod(SHAPE, params)
-    ground = texture(120, 200, 1)
-    for t in range(8):
-        frame = np.ascontiguousarray(ground[:, 5 * t : 5 * t + 120])
-        for refused in (frame[:, :90], np.full(SHAPE, np.nan, np.float32)):
-            with pytest.raises(FrameError):
-                model.step(refused)
-        assert model.step(frame) == other.step(frame)
-    for name, each in model.maps.items():
-        np.testing.assert_array_equal(each, other.maps[name])

@@ -1,17 +1,17 @@
-"""Motion vectors of rendered videos, whose motion is known at every pixel."""
+"""The flow and the motion vectors of rendered videos, whose motion is known at every pixel."""
 
 from __future__ import annotations
 
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import pytest
 
 from oppload_cli.errors import FrameError
-from oppload_cli.motion.flow import Cells, DenseFlow, sampled
-from oppload_cli.motion.rmo import RmoMetrics, RmoParams, rmo_metrics
+from oppload_cli.motion.flow import DenseFlow, Flow, motion_vectors, rmo_of
+from oppload_cli.motion.rmo import RmoMetrics, RmoParams
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -71,18 +71,21 @@ def shifted(right: float, down: float) -> Image:
     return texture(x - right, y - down)
 
 
+def flows(frames: Sequence[Image]) -> list[Flow]:
+    """Return the flow of every frame after the first one, at 30 frames/s."""
+    search = DenseFlow()
+    first, *later = [search.step(frame, t / 30) for t, frame in enumerate(frames)]
+    assert first is None
+    return [flow for flow in later if flow is not None]
+
+
 def vectors(before: Image, now: Image, params: RmoParams | None = None) -> MotionVectors:
-    flow = DenseFlow(params)
-    assert flow.motion(before) is None
-    motion = flow.motion(now)
-    assert motion is not None
-    return motion
+    [flow] = flows([before, now])
+    return motion_vectors(flow, params or RmoParams())
 
 
-def measured(frames: Sequence[Image], params: RmoParams | None = None) -> list[RmoMetrics]:
-    flow = DenseFlow(params)
-    assert flow.step(frames[0]) is None
-    return [metrics for frame in frames[1:] if (metrics := flow.step(frame)) is not None]
+def measured(frames: Sequence[Image]) -> list[RmoMetrics]:
+    return [rmo_of(flow, RmoParams()) for flow in flows(frames)]
 
 
 def away_from_border(motion: MotionVectors) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
@@ -166,10 +169,7 @@ def test_small_frames_do_not_fail(shape: tuple[int, int]) -> None:
 
 def test_small_frames_are_reduced_less_and_have_vectors_every_4_px() -> None:
     x, y = pixels(48, 48)
-    flow = DenseFlow()
-    flow.motion(texture(x, y))
-    motion = flow.motion(texture(x - 1, y))
-    assert motion is not None
+    motion = vectors(texture(x, y), texture(x - 1, y))
     assert len(motion.vectors) > 100
     assert np.diff(np.unique(motion.starts[:, 0])).min() == 4
     assert np.median(motion.vectors[:, 0]) == pytest.approx(1.0, abs=0.15)
@@ -200,59 +200,97 @@ def test_the_number_of_threads_changes_nothing() -> None:
 
 def test_bytes_and_floats_give_the_same() -> None:
     grey = [np.round(frame * 255).astype(np.uint8) for frame in (scaled(1), scaled(1.03))]
-    floats = [frame.astype(np.float32) / np.float32(255) for frame in grey]
-    flow = DenseFlow()
-    from_bytes = [flow.step(frame) for frame in grey]
-    assert from_bytes[1:] == measured(floats)
-    assert from_bytes[1] is not None
-    assert from_bytes[1].rom_pairs > 1000
+    search = DenseFlow()
+    assert search.step(grey[0], 0) is None
+    from_bytes = search.step(grey[1], 1 / 30)
+    assert from_bytes is not None
+    [from_floats] = flows([frame.astype(np.float32) / np.float32(255) for frame in grey])
+    # The means of squares are rounded to grey levels in another way.
+    away = np.hypot(*np.moveaxis(from_bytes.vectors - from_floats.vectors, -1, 0))
+    assert np.median(away) < 0.01
+    np.testing.assert_allclose(from_bytes.change, from_floats.change, atol=1.01 / 255)
+    assert rmo_of(from_bytes, RmoParams()).rom_pairs > 1000
 
 
 def test_reset_starts_over() -> None:
+    search = DenseFlow()
     frames = [scaled(1), scaled(1.03), shifted(3, 0)]
-    flow = DenseFlow()
-    first = [flow.step(frame) for frame in frames]
-    flow.reset()
-    assert [flow.step(frame) for frame in frames] == first
-    flow.reset()
-    assert flow.step(np.zeros((50, 60), dtype=np.float32)) is None
+    first = [search.step(frame, t / 30) for t, frame in enumerate(frames)]
+    search.reset()
+    again = [search.step(frame, t / 30) for t, frame in enumerate(frames)]
+    assert first[0] is again[0] is None
+    for one, other in zip(first[1:], again[1:], strict=True):
+        assert one is not None
+        assert other is not None
+        np.testing.assert_array_equal(one.vectors, other.vectors)
+    search.reset()
+    assert search.step(np.zeros((50, 60), dtype=np.float32), 0) is None
 
 
-def test_a_frame_does_not_depend_on_those_before_the_last() -> None:
-    flow = DenseFlow()
-    for frame in (shifted(0, 0), shifted(30, 20), scaled(1)):
-        flow.step(frame)
-    assert [flow.step(scaled(1.03))] == measured([scaled(1), scaled(1.03)])
+def test_a_flow_does_not_depend_on_frames_before_both_pictures() -> None:
+    *_, after = flows([shifted(0, 0), shifted(30, 20), scaled(1), scaled(1.03)])
+    [alone] = flows([scaled(1), scaled(1.03)])
+    np.testing.assert_array_equal(after.vectors, alone.vectors)
 
 
-def test_the_frame_given_may_be_overwritten() -> None:
-    """A disk of 6 px is seen at a finer resolution, for which the flow keeps the frame itself."""
-    grey: list[Any] = [
-        np.round(255 * disk((160, 120), radius)).astype(np.uint8) for radius in (6, 7)
-    ]
-    for before, now in ((scaled(1), scaled(1.03)), grey):
-        flow, frame = DenseFlow(), before.copy()
-        flow.step(frame)
-        frame[:] = now
-        assert [flow.step(frame)] == measured([before, now])
+@pytest.mark.parametrize("part", [np.s_[:, :], np.s_[:48, :48]], ids=["reduced", "as it is"])
+def test_the_frame_given_may_be_overwritten(part: tuple[slice, slice]) -> None:
+    before, now = (np.round(255 * scaled(by)[part]).astype(np.uint8) for by in (1, 1.03))
+    search, frame = DenseFlow(), before.copy()
+    search.step(frame, 0)
+    frame[:] = now
+    overwritten, other = search.step(frame, 1 / 30), DenseFlow()
+    other.step(before, 0)
+    untouched = other.step(now, 1 / 30)
+    assert overwritten is not None
+    assert untouched is not None
+    np.testing.assert_array_equal(overwritten.vectors, untouched.vectors)
+
+
+def ages(search: DenseFlow, times_s: list[float]) -> list[int]:
+    """Return how many frames older the picture was with which each frame was compared."""
+    found = []
+    for t, time_s in enumerate(times_s):  # each frame is lighter by 20 grey levels
+        if flow := search.step(np.full((32, 32), 20 * t, np.uint8), time_s):
+            found.append(round(float(flow.change.mean()) * 255 / 20))
+            assert flow.passed_s == pytest.approx(time_s - times_s[t - found[-1]])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("rate", "frames"),
+    [(10, 1), (24, 1), (30, 1), (44, 1), (46, 2), (60, 2), (74, 2), (76, 3), (120, 4), (240, 8)],
+)
+def test_a_frame_is_compared_with_the_one_whose_age_is_nearest_to_an_interval(
+    rate: int, frames: int
+) -> None:
+    """1.5 frames are 1/30 s at 45 frames/s, and 2.5 frames at 75."""
+    times_s = [t / rate for t in range(12)]
+    assert ages(DenseFlow(), times_s) == [min(t, frames) for t in range(1, 12)]
+
+
+@pytest.mark.parametrize(
+    ("interval_s", "frames"),
+    [(0, [1, 1, 1, 1, 1]), (1 / 30, [1, 2, 1, 1, 1]), (0.1, [1, 2, 3, 4, 3])],
+)
+def test_uneven_times_and_other_intervals(interval_s: float, frames: list[int]) -> None:
+    assert ages(DenseFlow(interval_s), [0.0, 0.01, 0.03, 0.07, 0.1, 0.13]) == frames
 
 
 def test_rows_and_columns_beyond_the_last_square_are_left_out() -> None:
     before, now = shifted(0, 0), shifted(2, 1)
     params = RmoParams(grid=14)
-    odd = vectors(before[:103, :130].copy(), now[:103, :130].copy(), params)
-    even = vectors(before[:100, :128].copy(), now[:100, :128].copy(), params)
+    odd = vectors(before[:103, :131].copy(), now[:103, :131].copy(), params)
+    even = vectors(before[:102, :130].copy(), now[:102, :130].copy(), params)
     assert len(odd.starts) == 7 * 9
     np.testing.assert_array_equal(odd.vectors, even.vectors)
 
 
 def test_the_search_has_the_measured_settings() -> None:
-    """Patches of 8 px every 6 px; ``docs/rmo.md`` links to the measurement."""
-    flow = DenseFlow()
-    flow.step(shifted(0, 0))
-    search = flow._search
+    """Patches of 8 samples every 4 samples; the errors of growth assume them."""
+    search = DenseFlow()._search
     settings = search.getFinestScale(), search.getPatchSize(), search.getPatchStride()
-    assert settings == (0, 8, 6)
+    assert settings == (0, 8, 4)
 
 
 def test_grid_and_minimum_speed() -> None:
@@ -264,42 +302,10 @@ def test_grid_and_minimum_speed() -> None:
     assert len(vectors(before, now, RmoParams(minimum_speed=1.5)).starts) == 0
 
 
-def test_motion_in_a_small_part_is_seen_at_a_finer_resolution() -> None:
-    """A disk of 6 px, less than half a cell of the complete frame's grid, has vectors around it."""
-    before, now = disk((160, 120), 6), disk((160, 120), 7)
-    motion = vectors(before, now)
-    away = motion.starts - (159.5, 119.5)
-    assert len(motion.starts) >= 8
-    assert np.hypot(*away.T).max() < 16
-    assert (np.einsum("ij,ij->i", away, motion.vectors) > 0).all()
-    metrics = rmo_metrics(motion.starts, motion.vectors)
-    assert metrics.rom_pairs >= 4
-    assert metrics.rmo_index == 1
-
-
 def test_the_grid_of_an_upright_video_is_that_of_a_lying_one() -> None:
     """The working height is the shorter side, whichever way the camera is turned."""
     upright = vectors(shifted(0, 0).T.copy(), shifted(1, 0).T.copy())
     assert len(upright.starts) == 17 * 23
-
-
-@pytest.mark.parametrize(("radius", "spacing"), [(34, 7.07), (38, 320 / 23)])
-def test_a_part_is_seen_at_the_finest_resolution_that_costs_half(
-    radius: int, spacing: float
-) -> None:
-    """A square of 98 px at half its size costs as much as half of the frame at a quarter."""
-    motion = vectors(disk((160, 120), radius), disk((160, 120), radius + 2))
-    steps = np.diff(np.unique(motion.starts[:, 0].round(3)))
-    assert steps.min() == pytest.approx(spacing, abs=0.02)
-
-
-def test_a_part_has_sixteen_samples_and_a_margin_on_each_side() -> None:
-    flow = DenseFlow()
-    flow.step(np.zeros((240, 320), np.float32))
-    for extent, left, right in ((10, 3, 3), (11, 3, 3), (12, 2, 2), (30, 2, 2)):
-        part = flow._with_margin(20, extent, 80)
-        assert part == slice(4 * (20 - left), 4 * (20 + extent + right))
-    assert flow._with_margin(1, 78, 80) == slice(0, 320)
 
 
 def test_minimum_change_drops_vectors_that_the_search_guessed() -> None:
@@ -318,37 +324,40 @@ def test_minimum_change_drops_vectors_that_the_search_guessed() -> None:
 )
 def test_not_a_luminance_image(frame: Image) -> None:
     with pytest.raises(FrameError, match="give float32 luminance"):
-        DenseFlow().step(frame)
+        DenseFlow().step(frame, 0)
 
 
 def test_frames_of_two_sizes() -> None:
     flow = DenseFlow()
-    flow.step(np.zeros((40, 60), dtype=np.float32))
+    flow.step(np.zeros((40, 60), dtype=np.float32), 0)
     with pytest.raises(FrameError, match=r"shape \(60, 40\) after one of \(40, 60\)"):
-        flow.step(np.zeros((60, 40), dtype=np.float32))
+        flow.step(np.zeros((60, 40), dtype=np.float32), 1)
 
 
 def test_sampling_averages_over_the_area_of_a_cell() -> None:
-    """Cells of 2.5 by 1.5 samples; a flow that grows along x has its value at their centres."""
-    before, now = np.zeros((6, 10), np.uint8), np.full((6, 10), 9, np.uint8)
-    flow = np.zeros((6, 10, 2), np.float32)
-    flow[..., 0] = np.arange(10) + 1
-    motion = sampled(before, now, flow, Cells(4, 4, 2, 100, 50), RmoParams())
-    np.testing.assert_allclose(motion.starts[:4, 0], 100 + np.array([2.0, 7.0, 12.0, 17.0]))
-    np.testing.assert_allclose(motion.starts[::4, 1], 50 + np.array([1.0, 4.0, 7.0, 10.0]))
+    """Cells of 2.5 by 7/3 samples of 4 px; the motion grows along x and along y."""
+    motion = np.zeros((7, 10, 2), np.float32)
+    motion[..., 0] = np.arange(10) + 1
+    motion[..., 1] = 10 * np.arange(7)[:, None]
+    flow = Flow(motion, np.ones((7, 10), np.float32), 4, 1 / 30)
+    starts, found = motion_vectors(flow, RmoParams(grid=10))
+    np.testing.assert_allclose(starts[:4, 0], [4.5, 14.5, 24.5, 34.5])
+    np.testing.assert_allclose(starts[::4, 1], (np.arange(3) + 0.5) * 28 / 3 - 0.5)
     weights = [[1, 1, 0.5], [0.5, 1, 1], [1, 1, 0.5], [0.5, 1, 1]]
     samples = [[1, 2, 3], [3, 4, 5], [6, 7, 8], [8, 9, 10]]
-    means = 2 * np.average(samples, axis=1, weights=weights)
-    np.testing.assert_allclose(motion.vectors[:4, 0], means, rtol=1e-6)
-    assert not motion.vectors[:, 1].any()
+    np.testing.assert_allclose(
+        found[:4, 0], np.average(samples, axis=1, weights=weights), rtol=1e-6
+    )
+    # Samples 0, 1 and a third of 2; two thirds of 2, 3, two thirds of 4; and so on.
+    np.testing.assert_allclose(found[::4, 1], [50 / 7, 30, 370 / 7], rtol=1e-5)
 
 
 @pytest.mark.parametrize(("speed", "change", "kept"), [(2, 1, 6), (2.01, 1, 0), (2, 1.01, 0)])
 def test_cells_at_the_minimum_are_kept(speed: float, change: float, kept: int) -> None:
-    """All samples change by a grey level and move by half a sample, 2 px."""
-    before, now = np.zeros((7, 11), np.uint8), np.ones((7, 11), np.uint8)
-    flow = np.zeros((7, 11, 2), np.float32)
-    flow[..., 1] = 0.5
-    least = RmoParams(minimum_speed=speed, minimum_change=change / 255)
-    starts, vectors = sampled(before, now, flow, Cells(2, 3, 4, 0, 0), least)
-    assert len(starts) == len(vectors) == kept
+    """All samples change by a grey level and move by 2 px."""
+    motion = np.zeros((8, 12, 2), np.float32)
+    motion[..., 1] = 2
+    flow = Flow(motion, np.full((8, 12), 1 / 255, np.float32), 4, 1 / 30)
+    least = RmoParams(grid=16, minimum_speed=speed, minimum_change=change / 255)
+    starts, found = motion_vectors(flow, least)
+    assert len(starts) == len(found) == kept

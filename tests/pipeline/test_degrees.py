@@ -237,7 +237,7 @@ def test_a_size_in_degrees_needs_the_field_of_view() -> None:
         ("opplod.receptive_field=0deg", "above 0deg and below 180deg, not '0deg'"),
         ("opplod.receptive_field=widedeg", "above 0deg and below 180deg, not 'widedeg'"),
         ("opplod.receptive_field=180deg", "above 0deg and below 180deg"),
-        ("opplod.cone=60deg", "takes a number, not '60deg'"),
+        ("opplod.arm_cone=60deg", "takes a number, not '60deg'"),
     ],
 )
 def test_wrong_angles_are_refused(given: str, reason: str) -> None:

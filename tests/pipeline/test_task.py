@@ -205,7 +205,7 @@ def test_what_has_no_effect_on_a_result_does_not_matter(task: Task, tmp_path: Pa
         (task, {"preset": "paper"}),
         (replace(task, settings=floor), {}),  # of a detector that does not run
         (address, {"input/name": "rtsp://host", "input/bytes": 7}),
-        (task, {"parameters/rmo/reduction": 9}),  # not measured
+        (task, {"parameters/rmo/grid": 9}),  # not measured
         (task, {"loaded": [{"name": "mine.py", "sha256": "0"}]}),  # of a detector that does not run
         (replace(task, span=span), {"span": written}),
     ):
@@ -213,8 +213,8 @@ def test_what_has_no_effect_on_a_result_does_not_matter(task: Task, tmp_path: Pa
         assert kept is not None
         assert kept.skipped
     settings = resolve(**models, measure_rmo=True)
-    change = {"measure_rmo": True, "parameters/rmo/reduction": 9}
-    with pytest.raises(OutputError, match=r"with rmo\.reduction = 9, not"):
+    change = {"measure_rmo": True, "parameters/rmo/grid": 9}
+    with pytest.raises(OutputError, match=r"with rmo\.grid = 9, not"):
         kept_as(replace(task, settings=settings), tmp_path, change)
 
 

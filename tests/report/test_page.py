@@ -158,19 +158,6 @@ def test_a_peak_outside_the_alarms_is_explained(table: Path) -> None:
     assert content.reason.endswith(" or came soon after an alarm, or was too short")
 
 
-def test_an_alarm_below_the_threshold_is_explained(table: Path) -> None:
-    assert Content.of(read_result(table)).reason == ""  # the alarm is above the threshold
-    table.write_text(table.read_text().replace(",0.5,1,", ",0.03,1,"))
-    content = Content.of(read_result(table))
-    assert len(content.alarms) == len(ALARMS)
-    assert content.strongest.peak == pytest.approx(0.6)
-    assert content.reason == ", which is enough shortly before contact"
-    index = write_report([table, table], table.parent).first.read_text()
-    assert index.count('title="is enough shortly before contact">near contact<') == 2
-    table.with_name("clip.detections.jsonl").unlink()  # with the times to contact
-    assert Content.of(read_result(table)).reason == ""
-
-
 def test_the_index_names_the_colours_of_the_detectors_once(table: Path) -> None:
     index = write_report([table, table], table.parent).first.read_text()
     legend = index[index.index('<p class="legend">') : index.index("</header>")]

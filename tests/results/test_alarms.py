@@ -11,7 +11,8 @@ import pytest
 from oppload_cli.detection.places import Detection
 from oppload_cli.errors import BusyError
 from oppload_cli.files import atomic
-from oppload_cli.models.detector import Box, Response
+from oppload_cli.models.detector import Box
+from oppload_cli.models.opplod_parameters import OpplodResponse
 from oppload_cli.results import alarms
 from oppload_cli.results.alarms import AlarmLog, Verdict, in_words, times, verdicts_in, write_alarms
 from oppload_cli.results.table import FrameRecord
@@ -44,7 +45,7 @@ def verdict(
                 t,
                 t / 10,
                 0.0,
-                {"opplod": Response(response)},
+                {"opplod": OpplodResponse(response, opponency=response / 4, growth=0.5)},
                 {"opplod": t in on},
                 thresholds={"opplod": threshold[t] if isinstance(threshold, tuple) else threshold},
                 objects={"opplod": None if t in hidden else place},
@@ -64,7 +65,7 @@ def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> No
     assert second.time_to_contact_s is None
     assert str(found) == (
         "alarm at 0.20 s (frame 2, contact estimated 0.8 s later), 2 alarms, "
-        "response up to 4 times the threshold"
+        "response up to 4 times the threshold (growth 0.5 1/s, opponency 2)"
     )
 
 
@@ -82,27 +83,10 @@ def test_of_equal_peaks_the_first_one_gives_the_box() -> None:
 
 
 def test_an_alarm_below_its_threshold_has_its_reason() -> None:
-    assert str(verdict([0, 1.2, 1], on=[1, 2], contacts={1: 0.9})) == (
-        "alarm at 0.10 s (frame 1, contact estimated 0.9 s later), response up to 0.6 times "
-        "the threshold, which is enough shortly before contact"
-    )
-    # A response must be above its threshold: at it, the contact made the alarm.
-    assert str(verdict([0, 2, 1], on=[1, 2], contacts={1: 0.9})).endswith(
-        ", response up to 1 times the threshold, which is enough shortly before contact"
-    )
-    # A peak outside of it that is below its threshold too is no response that did not count.
-    assert str(verdict([0, 1.8, 1.2], on=[2], contacts={2: 0.8})).endswith(
-        ", response up to 0.6 times the threshold, which is enough shortly before contact"
-    )
-
-
-def test_an_alarm_without_a_contact_does_not_speak_of_one() -> None:
-    (alarm,) = verdict([0, 1, 1], on=[1, 2], contacts={}).alarms
-    assert alarm.near_contact is False
     constant = [0.25, 0.25, 0.25]  # with a floor of 0 it alarms before a background is known
     assert str(verdict(constant, on=[0, 1, 2], threshold=(0.0, 2.0, 2.0))) == (
         "alarm at 0.00 s (frame 0), response up to 0.12 times the threshold, but above the "
-        "threshold when the alarm began"
+        "threshold when the alarm began (growth 0.5 1/s, opponency 0.062)"
     )
     assert str(verdict(constant, on=[0, 1, 2], threshold=0.0)) == (
         "alarm at 0.00 s (frame 0), response above a threshold of 0"
@@ -144,7 +128,8 @@ def test_a_peak_outside_the_alarms_is_told_with_its_reason() -> None:
     found = [verdict([0, 9, 3], on=[2], blind=blind, cause="start") for blind in ((1,), ())]
     found.append(found[0]._replace(peak_blind=None))
     assert list(map(str, found)) == [
-        f"{begin} (the peak is 4.5 times, which did not count: it came {why})"
+        f"{begin} (the peak is 4.5 times, which did not count: it came {why}) "
+        "(growth 0.5 1/s, opponency 0.75)"
         for why in (
             "at the start",
             "soon after an alarm, or was too short",
@@ -156,7 +141,8 @@ def test_a_peak_outside_the_alarms_is_told_with_its_reason() -> None:
 
 def test_many_verdicts_are_one_line() -> None:
     assert in_words([verdict([0], []), verdict([3], [0])]) == (
-        "OppLoD no alarm; OppLoD alarm at 0.00 s (frame 0), response up to 1.5 times the threshold"
+        "OppLoD no alarm; OppLoD alarm at 0.00 s (frame 0), response up to 1.5 times the threshold "
+        "(growth 0.5 1/s, opponency 0.75)"
     )
 
 
