@@ -6,7 +6,7 @@ Nothing is shared with the package. Loops and direct convolutions in float64.
 from __future__ import annotations
 
 import itertools
-from math import acos, cos, degrees, exp, hypot, pi, radians, sin, sqrt
+from math import cos, exp, pi, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -111,32 +111,24 @@ def centres(length: int, cell: int) -> list[float]:
     return [(length - count * cell) / 2 + (k + 0.5) * cell for k in range(count)]
 
 
-def pooled(
-    s: Array, cell: int, sigma_cells: float, frame: tuple[int, int] | None = None, times: int = 1
-) -> Array:
-    """Gaussian of unit sum on an endless plane, sampled at the cells' centres.
-
-    With the shape of a `frame`, s is a map of that frame made smaller so many times.
-    """
+def pooled(s: Array, cell: int, sigma_cells: float) -> Array:
+    """Gaussian of unit sum on an endless plane, sampled at the cells' centres."""
     height, width = s.shape
-    full_height, full_width = frame or s.shape
+    sigma = sigma_cells * cell
+    far = int(8 * sigma)
 
     def weights(centre: float, length: int) -> Array:
-        centre, sigma = centre / times, sigma_cells * cell / times
-        far = int(8 * sigma)
         total = sum(exp(-(k * k) / (2 * sigma**2)) for k in range(-far, far + 1))
         return np.array(
             [exp(-((k + 0.5 - centre) ** 2) / (2 * sigma**2)) / total for k in range(length)]
         )
 
-    down = [weights(centre, height) for centre in centres(full_height, cell)]
-    across = [weights(centre, width) for centre in centres(full_width, cell)]
+    down = [weights(centre, height) for centre in centres(height, cell)]
+    across = [weights(centre, width) for centre in centres(width, cell)]
     return np.asarray(np.array(down) @ s @ np.array(across).T)
 
 
-def opponent_products(
-    one: Array, other: Array, phi: float, reach: int, *, w_p: float, cone: float = 90
-) -> Array:
+def opponent_products(one: Array, other: Array, phi: float, reach: int, *, w_p: float) -> Array:
     """out(c) - w_p in(c) of the pathways phi (one) and phi + 180 (other)."""
     rows, columns = one.shape
     sums = np.zeros((rows, columns))
@@ -146,7 +138,7 @@ def opponent_products(
         if not all(0 <= y + s * uy < rows and 0 <= x + s * ux < columns for s in (1, -1)):
             continue
         along = ux * cos(radians(phi)) - uy * sin(radians(phi))
-        if abs(along) < 1e-9 or degrees(acos(min(1, abs(along) / hypot(ux, uy)))) > cone + 1e-6:
+        if abs(along) < 1e-9:
             continue
         product = one[y + uy, x + ux] * other[y - uy, x - ux]
         sums[y, x] += product if along > 0 else -w_p * product
@@ -154,67 +146,14 @@ def opponent_products(
 
 
 def opponency(
-    p: Sequence[Array],
-    *,
-    field: int,
-    cell: int,
-    sigma: float,
-    axes: int,
-    w_p: float,
-    compression: float = 1,
-    border: int = 0,
-    cone: float = 90,
-    frame: tuple[int, int] | None = None,
-    times: int = 1,
+    p: Sequence[Array], *, field: int, cell: int, sigma: float, axes: int, w_p: float
 ) -> Array:
-    """R(c) of preset reference, and of one stride of preset default."""
+    """R(c) of preset reference."""
     reach = int(field / 2 / cell)
     parts = []
     for phi in (axes, axes + 90):
-        one, other = (
-            pooled(without_border(pathway(p, phi + turn), border), cell, sigma, frame, times)
-            ** compression
-            for turn in (0, 180)
-        )
-        parts.append(np.maximum(0, opponent_products(one, other, phi, reach, w_p=w_p, cone=cone)))
-    return np.asarray(sum(parts))
-
-
-def without_border(s: Array, border: int) -> Array:
-    height, width = s.shape
-    inner = np.zeros_like(s)
-    for y in range(border, height - border):
-        for x in range(border, width - border):
-            inner[y, x] = s[y, x]
-    return inner
-
-
-def smaller(luma: Array, times: int) -> Array:
-    """Means of squares of pixels, without the rows and columns that fill none."""
-    height, width = luma.shape[0] // times, luma.shape[1] // times
-    y, x = np.arange(height) * times, np.arange(width) * times
-    return np.array(
-        [[luma[top : top + times, left : left + times].mean() for left in x] for top in y]
-    )
-
-
-def default_opponency(
-    luma: Sequence[Array],
-    *,
-    stride: int,
-    compression: float,
-    border: int,
-    halved_weight: float,
-    **others: Any,
-) -> Array:
-    """R(c) of the last frame: of frames `stride` apart, and of the frame at half its size."""
-    others["compression"] = compression
-    p = photoreceptors([luma[-1 - stride * back] for back in (3, 2, 1, 0)])
-    parts = [opponency(p, border=border, **others) / stride ** (2 * compression)]
-    if halved_weight:
-        p = photoreceptors([smaller(frame, 2) for frame in luma[-4:]])
-        r = opponency(p, frame=luma[-1].shape, times=2, border=border // 2, **others)
-        parts.append(halved_weight * r)
+        one, other = (pooled(pathway(p, phi + turn), cell, sigma) for turn in (0, 180))
+        parts.append(np.maximum(0, opponent_products(one, other, phi, reach, w_p=w_p)))
     return np.asarray(sum(parts))
 
 

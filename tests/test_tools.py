@@ -49,7 +49,7 @@ def test_the_programs_describe_their_options_and_take_what_the_pages_show(
     text = "\n".join(page.read_text("utf-8") for page in pages if "_build" not in page.parts)
     named = set(re.findall(r"python -m benchmarks\.\w+", text))
     assert named <= PROGRAMS.keys()
-    assert len(PROGRAMS) == 11
+    assert len(PROGRAMS) == 10
     shown = 0
     for command, module in PROGRAMS.items():
         parser = parser_of(module, monkeypatch)
@@ -70,18 +70,6 @@ def test_approaches_without_an_alarm_have_a_row() -> None:
     from benchmarks.places import _Approaches
 
     assert _Approaches(count=2, frames=30).row("60") == "| 60 | 0 of 2 |  | 0 of 30 |  | 0 |"
-
-
-@pytest.mark.long
-def test_the_figure_of_the_rates_is_for_all_presets(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from benchmarks.rates import main
-
-    monkeypatch.setattr("sys.argv", ["rates", "--figure", "a.png", "--preset", "default"])
-    with pytest.raises(SystemExit):
-        main()
-    assert "--figure shows several presets; leave --preset out" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

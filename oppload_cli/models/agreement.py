@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 # Growth in 1/s that is assumed where no flow can be measured: then an alarm needs a response of the
 # units that is about as large as that of preset ``reference``.
-_ASSUMED_GROWTH = 0.5
+_ASSUMED_GROWTH = 0.26
 
 
 def evidence(growth: Map, opponency: Map, params: OpplodParams) -> Map:

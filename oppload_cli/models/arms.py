@@ -181,7 +181,7 @@ class ArmsJudgement(CellJudgement):
         row, column = divmod(int(total.argmax()), total.shape[1])
         response = float(responses[row, column])
         box = self.maps.box(row, column) if response else None
-        return OpplodResponse(response, box, float(total[row, column]), self.calcium)
+        return OpplodResponse(response, box, float(total[row, column]), calcium=self.calcium)
 
     def _sum_of_arms(self, in_field: Map, motion: list[Map]) -> Map:
         """Return R, the sum of the arms' responses, of all units.

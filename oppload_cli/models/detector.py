@@ -148,7 +148,7 @@ class UnitMaps(NamedTuple):
     >>> model.units.responses.shape == (len(model.units.centres_y), len(model.units.centres_x))
     True
     >>> model.units.centres_x[:2].tolist(), model.units.field
-    ([10.0, 22.0], 240.0)
+    ([4.0, 12.0], 100.0)
     """
 
     responses: Map

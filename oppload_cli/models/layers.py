@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from functools import partial
-from statistics import median
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import cv2
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
 # Luminance interpolated between the two would halve the peaks at 50 frames/s: each change would
 # overlap the change before it, and meet its inhibition.
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
-_FEW, _MANY = 6, 15  # numbers of latest steps between frames whose medians are taken
 # Frames kept per interval; at higher frame rates some are not kept. All are at 480 frames/s, even
 # if their times are whole milliseconds.
 _MOST_KEPT = 17
@@ -96,7 +94,6 @@ class Photoreceptors:
         self.frames = 0
         self.elapsed = 1.0
         self._now: float | None = None
-        self._steps: deque[float] = deque(maxlen=_MANY)
         self._rest = 0.0  # time of the latest frame without any change
         self._latest = _PastFrame(0.0)
         self._lumas: deque[tuple[_PastFrame, Map]] = deque()
@@ -147,18 +144,6 @@ class Photoreceptors:
         if oldest is None or oldest.before is None:
             return False
         return self._rest - oldest.before.at <= ROUNDING
-
-    @property
-    def usual_step(self) -> float:
-        """The usual number of intervals from frame to frame: a median of latest steps.
-
-        If repeats are left out, frames come at a lower rate than the video declares. The result is
-        the larger of the medians of the latest 6 and of the latest 15 steps. So a lower rate counts
-        soon and a higher rate late, because repeats that are not recognised cause short steps.
-        Before the second step the declared rate counts.
-        """
-        latest = list(self._steps)
-        return max(median(latest[-_FEW:]), median(latest)) if len(latest) > 1 else self._clock.step
 
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
         """Return `maps` averaged over squares; `shape` is the number of squares down and across.
@@ -213,7 +198,6 @@ class Photoreceptors:
             self._rest = frame.at
         if self._now is not None:
             self.elapsed = nearly_one(frame.at - self._now)
-            self._steps.append(self.elapsed)
         self._keep(frame, luma)
         self._now, self.frames = frame.at, self.frames + 1
         return self.ready

@@ -176,7 +176,8 @@ class Opplod(Detector):
         """
         judgement = self.judgement
         calcium = judgement.calcium if isinstance(judgement, ArmsJudgement) else None
-        return OpplodResponse(0.0, calcium=calcium)
+        growth = 0.0 if isinstance(judgement, AgreementJudgement) and self._measured else None
+        return OpplodResponse(0.0, growth=growth, calcium=calcium)
 
     def step(self, luma: Map) -> OpplodResponse | None:
         """Take the next frame: MDE, OMJ, enhancing, and growth.

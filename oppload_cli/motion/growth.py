@@ -77,8 +77,9 @@ class Windows:
         self._y = (y - np.float32((rows - 1) / 2)) * np.float32(self.step)
         self._share = 1 / self._sum(np.ones_like(x))
         self._mean_x, self._mean_y = self._mean(self._x), self._mean(self._y)
-        self._variance_x = self._mean(self._x**2) - self._mean_x**2
-        self._variance_y = self._mean(self._y**2) - self._mean_y**2
+        # A grid of one row or column shows no growth: the covariance, 0, is divided by 1.
+        self._variance_x = self._mean(self._x**2) - self._mean_x**2 + np.float32(columns == 1)
+        self._variance_y = self._mean(self._y**2) - self._mean_y**2 + np.float32(rows == 1)
 
     def _sum(self, values: Map) -> Map:
         sums = cv2.boxFilter(

@@ -98,7 +98,7 @@ class Analysis:
     ...     white = np.clip(np.hypot(x - 60, y - 45) - 60 / (30 - frame), 0, 1)
     ...     record = analysis.step(white, time_s=100 + frame / 30)
     >>> record.alarms["opplod"], round(record.objects["opplod"].time_to_contact_s, 2)
-    (True, 0.17)
+    (True, 0.18)
     """
 
     def __init__(
@@ -323,7 +323,7 @@ def analyse(
     ...     if record.alarms["opplod"]:
     ...         print(f"alarm at {record.time_s:.2f} s")
     ...         break
-    alarm at 1.07 s
+    alarm at 1.23 s
     """
     chosen = pass_params(
         models, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats

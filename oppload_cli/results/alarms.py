@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import printable
@@ -53,8 +53,10 @@ class _AlarmEvent:
         if ratio is not None and ratio > self.peak_over_threshold:
             self.peak_over_threshold = ratio
             response = record.responses[model]
-            values = ((name, getattr(response, name)) for name in detector_named(model).witnesses)
-            self.witnesses = {name: value for name, value in values if value is not None}
+            names = detector_named(model).witnesses
+            values = {name: getattr(response, name) for name in names}
+            # Under another preset, or without a flow, the response rests on one witness alone.
+            self.witnesses = {} if None in values.values() else values
             self.box = list(detection.box) if detection is not None else self.box
 
 
@@ -124,6 +126,12 @@ _CAUSES = {
 }
 
 
+def _known(event: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of an alarm without those that only earlier versions wrote."""
+    names = {known.name for known in fields(_AlarmEvent)}
+    return {name: value for name, value in event.items() if name in names}
+
+
 def uncounted(blind: str | None, *, beside_alarms: bool = False) -> str:
     """Return the end of a sentence: why a response above the threshold caused no alarm.
 
@@ -185,7 +193,7 @@ def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
     return tuple(
         Verdict(
             model,
-            tuple(_AlarmEvent(**each) for each in content["alarms"]),
+            tuple(_AlarmEvent(**_known(event)) for event in content["alarms"]),
             content["peak"],
             content.get("peak_blind"),
         )

@@ -99,7 +99,8 @@ def test_a_frame_without_flow_has_no_growth_and_responds_as_the_units_do(side: i
     found, units = answers(model, frames), answers(plain, frames)
     assert [each.growth is None for each in found] == [side < SHORTEST_SIDE] * len(found)
     if side < SHORTEST_SIDE:
-        expected = [0.125 * (each.response + 1e-6) ** 0.45 * bool(each.response) for each in units]
+        of_units = [each.response for each in units]
+        expected = [0.26**3 * (unit + 1e-6) ** 0.45 * bool(unit) for unit in of_units]
         assert [each.response for each in found] == pytest.approx(expected, rel=1e-4)
         assert max(expected) > 0 == min(expected)
 

@@ -220,4 +220,4 @@ def test_the_calcium_signal_has_a_column_of_its_own() -> None:
     model.reset()
     assert not model.units.responses.any()
     assert [model.step(square(half)) for half in np.arange(20, 40, 1.5)] == answers
-    assert Opplod((48, 48)).at_rest() == Opplod.responses(0.0)
+    assert Opplod((48, 48)).at_rest() == Opplod.responses(0.0, growth=0.0)

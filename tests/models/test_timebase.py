@@ -196,31 +196,6 @@ def test_only_the_frames_of_the_latest_intervals_are_kept() -> None:
     assert chain == 3
 
 
-def test_a_lower_rate_counts_after_a_few_steps_and_a_higher_one_after_many() -> None:
-    for steps, expected in (
-        ([1] * 15 + [2] * 2, 1),
-        ([1] * 15 + [2] * 4, 2),
-        ([2] * 15 + [1] * 7, 2),
-        ([2] * 15 + [1] * 8, 1),
-    ):
-        times = np.cumsum([0, *steps]) / 30
-        layer = seen(times.tolist(), numbered(len(times)))
-        assert layer.usual_step == expected, steps
-        layer.reset()
-        assert layer.usual_step == 1
-
-
-def test_before_the_second_step_the_declared_rate_counts() -> None:
-    clock = Clock(frame_rate=60)
-    layer = Photoreceptors((2, 3), clock)
-    steps = []
-    for t, frame in enumerate(numbered(4)):
-        clock.time_s = t / 30
-        layer.step(frame)
-        steps.append(layer.usual_step)
-    assert steps == [0.5, 0.5, 1, 1]
-
-
 def test_coarse_changes_are_means_over_squares_centred_in_the_frame() -> None:
     now = np.random.default_rng(5).random((11, 14), dtype=np.float32)
     layer = seen([0, 1 / 30], [np.zeros_like(now), now])
