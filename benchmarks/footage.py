@@ -32,7 +32,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.detection.alarm import alarm_params
-from oppload_cli.detection.growth import place_params
+from oppload_cli.detection.contact import place_params
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.repeats import NEAR, Repeat, RepeatParams, Repeats

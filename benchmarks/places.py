@@ -28,7 +28,7 @@ import cv2
 import numpy as np
 
 from oppload_cli import FrameRecord, Opplod, OpplodResponse, analyse, open_video, stimulus
-from oppload_cli.detection.growth import place_params
+from oppload_cli.detection.contact import place_params
 from oppload_cli.detection.places import Detection, Places
 from oppload_cli.evaluation.manifest import Entry, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.measures import overlap

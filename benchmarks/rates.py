@@ -31,7 +31,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.detection.alarm import alarm_params
-from oppload_cli.detection.growth import place_params
+from oppload_cli.detection.contact import place_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
 from oppload_cli.evaluation.evaluate import outputs_of
 from oppload_cli.evaluation.manifest import Entry, read_manifest

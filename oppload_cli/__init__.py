@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from oppload_cli import stimulus
     from oppload_cli.api import Result, read_result, run, tune
     from oppload_cli.detection.alarm import Alarm, AlarmParams, alarm_params
-    from oppload_cli.detection.growth import PlaceParams
+    from oppload_cli.detection.contact import PlaceParams
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
     from oppload_cli.models.bank import DetectorBank
@@ -63,7 +63,7 @@ __all__ = [
 _MODULES = {
     "api": ("Result", "read_result", "run", "tune"),
     "detection.alarm": ("Alarm", "AlarmParams", "alarm_params"),
-    "detection.growth": ("PlaceParams",),
+    "detection.contact": ("PlaceParams",),
     "detection.places": ("Detection",),
     "errors": ("OpploadError",),
     "models.bank": ("DetectorBank",),

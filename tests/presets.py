@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from oppload_cli.detection.growth import place_params
+from oppload_cli.detection.contact import place_params
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import parameters_of
 

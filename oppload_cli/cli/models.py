@@ -12,7 +12,7 @@ import numpy as np
 
 from oppload_cli.cli import options
 from oppload_cli.detection.alarm import alarm_params
-from oppload_cli.detection.growth import place_params
+from oppload_cli.detection.contact import place_params
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, detectors, parameters_of

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.detection.growth import Contact, Extent, Products
+from oppload_cli.detection.contact import Contact
 from oppload_cli.models.detector import Box
 from oppload_cli.models.timebase import ROUNDING_S
-from oppload_cli.motion.growth import growth_within
+from oppload_cli.motion.growth import box_about, motion_about
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from oppload_cli.detection.growth import PlaceParams
+    from oppload_cli.detection.contact import PlaceParams
     from oppload_cli.models.detector import Response, UnitMaps
     from oppload_cli.models.dpc import Map
     from oppload_cli.motion.flow import Flow
@@ -151,12 +151,11 @@ class Track:
     ----------
     identity : int
         Number of the object, from 1.
-    row, column : int
-        The unit at the focus of expansion.
     x, y : float
         Focus of expansion.
-    extent : Extent
-        Half sizes.
+    box : Box
+        The part of the picture that moves as the focus does; before the flow shows it, the
+        receptive field of the unit.
     response : float
         Response in the latest frame that showed the object.
     seen_s : float
@@ -166,11 +165,9 @@ class Track:
     """
 
     identity: int
-    row: int
-    column: int
     x: float
     y: float
-    extent: Extent
+    box: Box
     response: float
     seen_s: float
     contact: Contact = field(repr=False)
@@ -178,12 +175,13 @@ class Track:
     time_to_contact_error_s: float | None = None
 
     def distance_to(self, x: float, y: float, near: float) -> float | None:
-        """Return a point's distance from the focus, 0 to 1; None for a point outside the object.
+        """Return a point's distance from the middle of the box, 0 to 1; None outside the object.
 
-        1 is the object's half size, enlarged for its growth, or `near` (px) if that is larger.
+        1 is half the size of the box, enlarged for its growth, or `near` (px) if that is larger.
         """
-        reach_x, reach_y = (max(near, _GROWTH * half) for half in (self.extent.x, self.extent.y))
-        distance = max(abs(x - self.x) / reach_x, abs(y - self.y) / reach_y)
+        middle_x, middle_y = self.box.centre
+        reach_x, reach_y = (max(near, _GROWTH * side / 2) for side in self.box[2:])
+        distance = max(abs(x - middle_x) / reach_x, abs(y - middle_y) / reach_y)
         return distance if distance <= 1 else None
 
 
@@ -200,7 +198,6 @@ class Places:
 
     def __init__(self, params: PlaceParams) -> None:
         self._params = params
-        self._products: Products | None = None
         self._tracks: list[Track] = []
         self._count = 0
         self._before_s = math.inf  # time of the frame before
@@ -221,21 +218,17 @@ class Places:
         -------
         list of Track
             The objects of this frame, the largest response first. The frame's winning unit belongs
-            to the first object, unless nothing moves outward on both sides of it.
+            to the first object.
         """
         self._maps, self._flow = maps, flow
         peaks = _peaks(maps, self._params)
-        self._products = Products(maps) if peaks and maps.pathways else None
         oldest = min(time_s - self._params.gap_s - ROUNDING_S, self._before_s)
         self._tracks = [track for track in self._tracks if track.seen_s >= oldest]
         shown: list[Track] = []
         for peak in peaks:
-            track = self._owner(peak)
-            if track is None:
-                track = self._new_track(peak, time_s)
-            elif track not in shown:
+            track = self._owner(peak) or self._new_track(peak)
+            if track not in shown:
                 self._follow(track, peak, time_s)
-            if track and track not in shown:
                 shown.append(track)
         self._before_s = time_s
         return shown
@@ -247,52 +240,25 @@ class Places:
         own = [(away, track.identity, track) for away, track in distances if away is not None]
         return min(own)[2] if own else None
 
-    def _new_track(self, peak: _Peak, time_s: float) -> Track | None:
-        half = self._maps.field / 2
-        extent = self._measured(peak.row, peak.column, half, half)
-        if extent is None:
-            return None
+    def _new_track(self, peak: _Peak) -> Track:
         self._count += 1
-        place = _focus(self._maps, peak.row, peak.column)
-        contact = Contact(self._params)
-        track = Track(
-            self._count, peak.row, peak.column, *place, extent, peak.response, time_s, contact
-        )
+        field = self._maps.box(peak.row, peak.column)
+        track = Track(self._count, *field.centre, field, 0.0, -math.inf, Contact(self._params))
         self._tracks.append(track)
-        self._estimate_contact(track, place, time_s)
         return track
 
-    def _measured(self, row: int, column: int, x: float, y: float) -> Extent | None:
-        if self._products is None:
-            return Extent(self._maps.field / 2, self._maps.field / 2, 0.0)
-        return self._products.extent(row, column, x, y)
-
     def _follow(self, track: Track, peak: _Peak, time_s: float) -> None:
-        row, column = peak.row, peak.column
-        x, y = place = _focus(self._maps, row, column)
-        extent = self._measured(row, column, track.extent.x, track.extent.y)
-        if self._products and max(abs(row - track.row), abs(column - track.column)) > 1:
-            # The peak may be an edge of an object that is larger than the receptive field, or a new
-            # focus. The unit with more outward motion around it is taken.
-            unit = self._products.better_unit(track.row, track.column, track.extent)
-            around_unit = self._products.extent(*unit, track.extent.x, track.extent.y)
-            if around_unit and (extent is None or around_unit.opponency > extent.opponency):
-                extent, (row, column) = around_unit, unit
-                x, y = float(self._maps.centres_x[column]), float(self._maps.centres_y[row])
-        track.row, track.column, track.x, track.y = row, column, x, y
-        track.extent = extent or track.extent
+        """Take an object's place in the latest frame; measure its box and its time to contact."""
+        track.x, track.y = _focus(self._maps, peak.row, peak.column)
         track.response, track.seen_s = peak.response, time_s
-        self._estimate_contact(track, place, time_s)
-
-    def _estimate_contact(self, track: Track, place: tuple[float, float], time_s: float) -> None:
-        """Measure the growth at the largest response of an object, and its time to contact."""
-        track.time_to_contact_s = track.time_to_contact_error_s = None
-        if not self._products:
-            return
-        if self._flow is not None and (found := growth_within(self._flow, *place)):
-            track.contact.add(time_s, self._flow.passed_s, found)
-        if remaining := track.contact.remaining(time_s):
-            track.time_to_contact_s, track.time_to_contact_error_s = remaining
+        flow = self._flow
+        if flow is not None and (motion := motion_about(flow, track.x, track.y)):
+            track.contact.add(time_s, flow.passed_s, motion)
+            if edges := box_about(flow, track.x, track.y, motion):
+                left, top, right, bottom = edges
+                track.box = Box(left, top, right - left, bottom - top)
+        remaining = track.contact.remaining(time_s)
+        track.time_to_contact_s, track.time_to_contact_error_s = remaining or (None, None)
 
 
 class Detections:
@@ -319,7 +285,7 @@ class Detections:
         return tuple(
             Detection(
                 track.identity,
-                *self._in_source(track.x, track.y, track.extent.x, track.extent.y),
+                *self._in_source(track.box, (track.x, track.y)),
                 track.response,
                 alarm=False,
                 time_to_contact_s=track.time_to_contact_s,
@@ -355,17 +321,14 @@ class Detections:
         """
         if response.box is None:
             return ()
-        box = response.box
-        place = self._in_source(*box.centre, box.width / 2, box.height / 2)
+        place = self._in_source(response.box, response.box.centre)
         return (Detection(1, *place, response.response, False, None),)
 
-    def _in_source(
-        self, x: float, y: float, half_width: float, half_height: float
-    ) -> tuple[Box, float, float]:
-        """Return a box cut to the frame, and its centre before the cut, in source pixels."""
+    def _in_source(self, box: Box, place: tuple[float, float]) -> tuple[Box, float, float]:
+        """Return a box cut to the frame, and a place, in source pixels."""
         scale_x, scale_y = self._working.scale_x, self._working.scale_y
-        left, top = max(0.0, x - half_width), max(0.0, y - half_height)
-        right = min(float(self._working.width), x + half_width)
-        bottom = min(float(self._working.height), y + half_height)
+        left, top = max(0.0, box.x), max(0.0, box.y)
+        right = min(float(self._working.width), box.x + box.width)
+        bottom = min(float(self._working.height), box.y + box.height)
         size = (right - left) * scale_x, (bottom - top) * scale_y
-        return Box(left * scale_x, top * scale_y, *size), x * scale_x, y * scale_y
+        return Box(left * scale_x, top * scale_y, *size), place[0] * scale_x, place[1] * scale_y

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from oppload_cli.motion.flow import Flow
 
     Map = NDArray[np.float32]
+    Complex = NDArray[np.complexfloating]
+    Edges = tuple[float, float, float, float]
 
 # Variance of the error of the flow in px^2 (0.045 px): where less moves, growth explains nothing.
 _FLOW_VARIANCE = 0.002
@@ -27,6 +29,9 @@ _ALIKE = 16
 # Half the side of the square in which the growth of an object is measured, as a share of the
 # shorter side of the frame: 16 px of 240.
 _HALF_SHARE = 1 / 15
+_FEWEST = 9  # samples of the flow in this square
+_NOISE_PX = 0.3  # difference of the flow that noise alone causes within an object
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 
 class WindowFit(NamedTuple):
@@ -159,28 +164,31 @@ class RadialGrowth:
         self.growth = np.asarray(kept * before + (1 - kept) * rate, np.float32)
 
 
-class Growth(NamedTuple):
-    """The growth of an object between two pictures.
+class LocalMotion(NamedTuple):
+    """How the picture moves about a place, between two pictures: shift, growth and turn.
 
     Attributes
     ----------
-    growth : float
-        Later size divided by earlier size, minus 1: above 0 for an object that grew.
+    shift : complex
+        Motion of the place, as ``x + i y``, in px.
+    factor : complex
+        k + i w: the growth k, later size divided by earlier size minus 1, and the turn w in
+        radians. A point p from the place moves by ``shift + factor p``.
     error : float
         Standard error of the growth.
     """
 
-    growth: float
+    shift: complex
+    factor: complex
     error: float
 
 
-def growth_within(flow: Flow, x: float, y: float) -> Growth | None:
-    """Measure the growth about a place, in a small square.
+def motion_about(flow: Flow, x: float, y: float) -> LocalMotion | None:
+    """Measure the motion about a place, in a small square.
 
     The square lies inside most objects that are near contact: a larger one includes ground, and
-    makes the contact seem later (``docs/footage.md``). Least squares fit a shift, a growth k and a
-    turn w to the flow:
-    ``(u, v) = (a, b) + k (x, y) + w (-y, x)``. The error of k follows from what the fit leaves.
+    makes the contact seem later (``docs/footage.md``). Least squares fit a shift, a growth and a
+    turn to the flow; the error follows from what they leave.
 
     Parameters
     ----------
@@ -191,28 +199,70 @@ def growth_within(flow: Flow, x: float, y: float) -> Growth | None:
 
     Returns
     -------
-    Growth or None
+    LocalMotion or None
         None if fewer than 3 x 3 samples of the flow lie in the square.
     """
-    rows, columns = flow.vectors.shape[:2]
-    half = _HALF_SHARE * min(rows, columns) * flow.side
-    left, right = _within(x, half, columns, flow.side)
-    top, bottom = _within(y, half, rows, flow.side)
-    if right - left < 3 or bottom - top < 3:
+    places, motion = _complex(flow, x, y)
+    half = _half(flow)
+    near = (np.abs(places.real) <= half) & (np.abs(places.imag) <= half)
+    if np.count_nonzero(near) < _FEWEST:
         return None
-    vectors = flow.vectors[top:bottom, left:right].astype(np.float64)
-    down, across = np.mgrid[top:bottom, left:right] * float(flow.side)
-    places = (across - across.mean()) + 1j * (down - down.mean())
-    motion = (vectors[..., 0] - vectors[..., 0].mean()) + 1j * (
-        vectors[..., 1] - vectors[..., 1].mean()
+    place, vector = places[near].mean(), motion[near].mean()
+    centred, moved = places[near] - place, motion[near] - vector
+    size = float((np.abs(centred) ** 2).sum())
+    factor = complex((np.conj(centred) * moved).sum()) / size
+    left_over = float((np.abs(moved - factor * centred) ** 2).mean()) / 2 + _FLOW_VARIANCE
+    error = math.sqrt(_ALIKE * left_over / size)
+    return LocalMotion(complex(vector - factor * place), factor, error)
+
+
+def box_about(flow: Flow, x: float, y: float, about: LocalMotion) -> Edges | None:
+    """Return the edges of the object at a place: of the part that moves as the place does.
+
+    A sample belongs to the object if its motion differs from the object's by less than half of what
+    growth moves it, and by the noise of the flow. The object is the connected part about the place,
+    without 4 % of its samples at each edge.
+
+    Parameters
+    ----------
+    flow, x, y
+        As for :func:`motion_about`.
+    about : LocalMotion
+        The motion about the place.
+
+    Returns
+    -------
+    tuple of float or None
+        Left, top, right and bottom in px of the working frame; None where nothing grows.
+    """
+    if about.factor.real <= about.error:
+        return None
+    places, motion = _complex(flow, x, y)
+    reach = np.maximum(np.abs(places), _half(flow))
+    differs = np.abs(motion - about.shift - about.factor * places)
+    moves = differs < abs(about.factor) * reach / 2 + _NOISE_PX
+    clean = cv2.morphologyEx(moves.astype(np.uint8), cv2.MORPH_OPEN, _NEIGHBOURS)
+    _, labels = cv2.connectedComponents(clean, connectivity=4)
+    rows, columns = clean.shape
+    row, column = (
+        min(max(int(value / flow.side), 0), count - 1) for value, count in ((y, rows), (x, columns))
     )
-    size = float((np.abs(places) ** 2).sum())
-    factor = complex((np.conj(places) * motion).sum()) / size  # k + i w
-    left_over = float((np.abs(motion - factor * places) ** 2).mean()) / 2 + _FLOW_VARIANCE
-    return Growth(factor.real, math.sqrt(_ALIKE * left_over / size))
+    if not labels[row, column]:
+        return None
+    down, across = np.nonzero(labels == labels[row, column])
+    (left, right), (top, bottom) = (np.quantile(each, (0.04, 0.96)) for each in (across, down))
+    side = flow.side
+    return left * side, top * side, (right + 1) * side, (bottom + 1) * side
 
 
-def _within(centre: float, half: float, count: int, side: int) -> tuple[int, int]:
-    """Return the first sample, and the one after the last, whose middle is within a range."""
-    first = max(0, math.ceil((centre - half) / side - 0.5))
-    return first, min(count, math.floor((centre + half) / side - 0.5) + 1)
+def _complex(flow: Flow, x: float, y: float) -> tuple[Complex, Complex]:
+    """Return the middle of each sample, from a place, and its motion, as complex numbers in px."""
+    rows, columns = flow.vectors.shape[:2]
+    across = (np.arange(columns) + 0.5) * flow.side - x
+    down = (np.arange(rows) + 0.5) * flow.side - y
+    return across + 1j * down[:, None], flow.vectors[..., 0] + 1j * flow.vectors[..., 1]
+
+
+def _half(flow: Flow) -> float:
+    rows, columns, _ = flow.vectors.shape
+    return _HALF_SHARE * min(rows, columns) * flow.side

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from oppload_cli.detection.alarm import AlarmParams, alarm_params_with
-from oppload_cli.detection.growth import PlaceParams, place_params
+from oppload_cli.detection.contact import PlaceParams, place_params
 from oppload_cli.errors import FrameError, ParameterError, counted
 from oppload_cli.models.detector import checked_shape
 from oppload_cli.models.presets import (

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from oppload_cli.detection.alarm import AlarmParams
-    from oppload_cli.detection.growth import PlaceParams
+    from oppload_cli.detection.contact import PlaceParams
     from oppload_cli.detection.places import Detection
     from oppload_cli.models.detector import Response
     from oppload_cli.models.timebase import TimeParams

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 from oppload_cli.detection.alarm import AlarmParams, alarm_params, alarm_params_with
-from oppload_cli.detection.growth import PlaceParams, place_params
+from oppload_cli.detection.contact import PlaceParams, place_params
 from oppload_cli.errors import ParameterError, faults_at, suggestion
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.models.presets import (

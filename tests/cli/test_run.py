@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 HEADER = (
     "frame,time_s,luma_change,"
     "opplod_response,opplod_alarm,opplod_x,opplod_y,opplod_width,opplod_height,"
-    "opplod_unit_x,opplod_unit_y,"
+    "opplod_unit_x,opplod_unit_y,opplod_growth,opplod_opponency,"
     "dlgmd_response,dlgmd_alarm,dlgmd_s,"
     "flow_vectors,rom_pairs,rom_share,rmo_mean,rmo_max,rmo_index"
 )
@@ -37,7 +37,7 @@ def result(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.long
 def test_the_table(result: Path) -> None:
     text = (result / "loom.frames.csv").read_text()
-    assert text.startswith(HEADER + "\n0,0,,,0,,,,,,,,0,,,,,,,\n1,0.0333333333,")
+    assert text.startswith(HEADER + "\n0,0,,,0,,,,,,,,,,0,,,,,,,\n1,0.0333333333,")
     table = rows_of(result / "loom.frames.csv")
     assert [int(row["frame"]) for row in table] == list(range(24))
     assert all(row["opplod_response"] == "" for row in table[:3])

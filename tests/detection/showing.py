@@ -16,7 +16,7 @@ from tests.presets import PLACES, REFERENCE
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from oppload_cli.detection.growth import PlaceParams
+    from oppload_cli.detection.contact import PlaceParams
     from oppload_cli.detection.places import Track
     from tests.media import Luma
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.detection.growth import Contact, PlaceParams
+from oppload_cli.detection.contact import Contact, PlaceParams
 from oppload_cli.motion.growth import Growth
 from tests.detection.showing import LENGTH, SIZE, approaching, remaining, shown
 from tests.media import disk

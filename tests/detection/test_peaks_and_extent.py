@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.detection import places as module
-from oppload_cli.detection.growth import Extent, PlaceParams, Products
+from oppload_cli.detection.contact import Extent, PlaceParams, Products
 from oppload_cli.detection.places import Places, _focus, _peaks
 from oppload_cli.models.detector import UnitMaps
 from oppload_cli.motion.flow import Flow

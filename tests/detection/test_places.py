@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from oppload_cli.detection.growth import Contact, Extent
+from oppload_cli.detection.contact import Contact, Extent
 from oppload_cli.detection.places import Places, Track, _Peak
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.motion.flow import DenseFlow
