@@ -106,7 +106,8 @@ class Contact:
             Time between the two frames in seconds, above 0.
         motion : LocalMotion
             Has the growth and its error. If the growth is at most its standard error, nothing
-            approaches, and earlier growths are forgotten. If its error is above the share `largest_error` of it, it is left out.
+            approaches, and earlier growths are forgotten. If its error is above the share
+            `largest_error` of it, it is left out.
         """
         grown, error = motion.factor.real, motion.error
         if grown <= error:

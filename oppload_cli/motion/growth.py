@@ -250,7 +250,9 @@ def box_about(flow: Flow, x: float, y: float, about: LocalMotion) -> Edges | Non
     if not labels[row, column]:
         return None
     down, across = np.nonzero(labels == labels[row, column])
-    (left, right), (top, bottom) = (np.quantile(each, (0.04, 0.96)) for each in (across, down))
+    (left, right), (top, bottom) = (
+        np.quantile(samples, (0.04, 0.96)).tolist() for samples in (across, down)
+    )
     side = flow.side
     return left * side, top * side, (right + 1) * side, (bottom + 1) * side
 
@@ -265,4 +267,4 @@ def _complex(flow: Flow, x: float, y: float) -> tuple[Complex, Complex]:
 
 def _half(flow: Flow) -> float:
     rows, columns, _ = flow.vectors.shape
-    return _HALF_SHARE * min(rows, columns) * flow.side
+    return _HALF_SHARE * float(min(rows, columns) * flow.side)

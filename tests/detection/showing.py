@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.detection.places import Places
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.motion.flow import DenseFlow
 from tests.media import disk
-from tests.presets import PLACES, REFERENCE
+from tests.presets import DEFAULT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from oppload_cli.detection.contact import PlaceParams
     from oppload_cli.detection.places import Track
     from tests.media import Luma
 
@@ -48,11 +48,13 @@ def shown(
     interval_s: float = 0.0,
 ) -> list[list[Track]]:
     """Return the objects of every frame; in `hidden` frames no unit answers."""
-    model = Opplod((SIZE, SIZE), REFERENCE, frame_rate=rate if interval_s else None)
-    places, measured = Places(params or PLACES), DenseFlow(interval_s)
+    model = Opplod((SIZE, SIZE), DEFAULT, frame_rate=rate if interval_s else None)
+    places, measured = Places(params or PlaceParams()), DenseFlow(interval_s)
     found: list[list[Track]] = []
     for t, frame in enumerate(frames):
-        answer, flow = model.step(frame), measured.step(frame, t / rate)
+        flow = measured.step(frame, t / rate)
+        model.layers.flow().give(flow)
+        answer = model.step(frame)
         if answer is None:
             found.append([])
             continue

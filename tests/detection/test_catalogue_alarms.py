@@ -146,7 +146,7 @@ FAST = {  # controls with an alarm at other frame rates, as docs/time.md says
     ("default", 12): {"flickering-disk", "size-steps"},
     ("default", 24): {"bar-sweep/rotation-315"},
     ("default", 25): {"flickering-disk"},
-    **{("reference", rate): {"translating-bar-speed/speed-80"} for rate in (12, 15, 24, 25, 50)},
+    **{("reference", rate): {"translating-bar-speed/speed-80"} for rate in (12, 24, 25, 50)},
 }
 
 

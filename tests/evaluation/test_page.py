@@ -78,7 +78,10 @@ def captions(page: str) -> list[str]:
 def test_the_printed_table_bounds_what_no_alarm_can_show(evaluation: Evaluation) -> None:
     """Twice 7.7 s before an onset, and three times 60 s: 3.26 minutes; 3 / 3.26 is 0.92."""
     first, *between, last = printed_table(evaluation)
-    assert "In brackets: 95 % intervals" in between[-1]
+    assert "In brackets: 95 % intervals" in "".join(between)
+    # By kind of motion: 3 / 1 minute for the clip that stands still.
+    assert between[-5].startswith("false alarms per minute by kind of motion, alarm as shipped")
+    assert between[-1].split(maxsplit=1) == ["still", "0 (0 to 3)"]
     assert first.endswith("clips without one: 3, minutes without an approach: 3.26")
     assert last.startswith("A detector without a false alarm in 3.26 minutes may")
     assert "up to 0.92 per minute" in last

@@ -74,13 +74,13 @@ def test_the_motion_of_each_pixel_is_that_of_its_sample() -> None:
     """Samples of 3 px in frames of 25 x 31 px, whose last row and column fill no square."""
     before = np.tile(np.arange(31, dtype=np.float32), (25, 1))
     vectors = np.zeros((8, 10, 2), np.float32)
-    vectors[..., 0] = 0.1 * np.arange(10)
+    vectors[..., 0] = 0.6 * np.arange(10)
     interpolation = Interpolation()
     list(interpolation.step(before, 0, None))
     flow = Flow(vectors, vectors[..., 0], 3, 1 / 15)
     [(_, picture)] = interpolation.step(before, 2, flow)
     samples = np.clip((np.arange(31) + 0.5) / 3 - 0.5, 0, 9)
-    expected = np.maximum(0, np.arange(31) - 0.5 * 0.1 * samples)
+    expected = np.maximum(0, np.arange(31) - 0.5 * 0.6 * samples)
     # OpenCV 4 shifts pictures by multiples of 1/32 px, OpenCV 5 by any distance.
     np.testing.assert_allclose(picture, np.tile(expected, (25, 1)), atol=1 / 30)
 
