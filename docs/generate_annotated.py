@@ -16,7 +16,7 @@ from oppload_cli.pipeline.task import Outputs, Task
 STIMULUS = "controls/looming-and-translating"  # the video of the tutorials
 PICTURE = Path(__file__).parent / "annotated.png"
 WIDTH = 640  # px
-AFTER_ALARM = 4  # frames: the first one with a time to contact
+AFTER_ALARM = 4  # frames
 
 
 def main() -> None:

@@ -60,10 +60,10 @@ class AlarmParams(Parameters):
     """
 
     on: bool = parameter(True, "whether there are alarms at all")
-    factor: float = parameter(
-        8.0,
+    factor: float | None = parameter(
+        None,
         "the alarm's threshold is this many times the median response of the background, but at "
-        "least the floor",
+        "least the floor; auto: 8, and 0 for OppLoD",
         low=0,
         high=1e6,
     )
@@ -126,6 +126,10 @@ class AlarmParams(Parameters):
         floor: float | None = getattr(self, f"{name}_floor", None)
         return alarm_floor_of(name) if floor is None else floor
 
+    def factor_of(self, name: str) -> float:
+        """Return by what the median response of the background is multiplied for a detector."""
+        return detector_named(name).alarm_factor if self.factor is None else self.factor
+
     def __reduce__(self) -> tuple[object, ...]:
         # The class with the floors is made at run time, so that another process must make its own.
         names = tuple(name.removesuffix("_floor") for name in self.names() if "_floor" in name)
@@ -158,7 +162,7 @@ def alarm_params(preset: str = DEFAULT_PRESET, **values: float) -> AlarmParams:
     Examples
     --------
     >>> import oppload_cli as oppload
-    >>> oppload.alarm_params("reference").factor, oppload.alarm_params("default").factor
+    >>> oppload.alarm_params("reference").factor, oppload.alarm_params().factor_of("dlgmd")
     (30.0, 8.0)
     >>> oppload.alarm_params(opplod_floor=0.1).floor_of("opplod")
     0.1
@@ -251,7 +255,7 @@ class Alarm:
     >>> import oppload_cli as oppload
     >>> alarm = oppload.Alarm("opplod", oppload.alarm_params("default"))
     >>> alarm.step(0.0, time_s=0.0), alarm.step(0.5, time_s=0.1), alarm.threshold
-    (False, True, 0.0007)
+    (False, True, 0.09)
     """
 
     def __init__(self, name: str, params: AlarmParams | None = None) -> None:
@@ -261,6 +265,7 @@ class Alarm:
             )
         self.params = params or AlarmParams()
         self._floor = self.params.floor_of(name) if self.params.on else math.inf
+        self._factor = self.params.factor_of(name)
         self._background = Background(self.params.background_s, self.params.guard_s)
         # Of each recent frame with evidence above the threshold: its time, and the step to it.
         self._above: deque[tuple[float, float]] = deque()
@@ -301,7 +306,7 @@ class Alarm:
         held = time_s <= self._until_s + ROUNDING_S
         ended = self._on and not held and (is_gap or not self._counted)
         background = self._background.step(response, time_s)
-        self.threshold = max(self._floor, self.params.factor * background)
+        self.threshold = max(self._floor, self._factor * background)
         share = self.params.release if self._on and not ended else 1.0
         self.evidence = 0.0 if blind else response
         above = self.evidence > share * self.threshold

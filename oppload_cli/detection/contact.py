@@ -36,9 +36,9 @@ class PlaceParams(Parameters):
 
     _set: ClassVar[str] = "places"
 
-    floor: float = parameter(1e-5, "least response of an object", low=0, high=1e9)
+    floor: float = parameter(0.02, "least response of an object", low=0, high=1e9)
     share: float = parameter(
-        0.01,
+        0.2,
         "least response of an object, as a share of the largest response of the frame",
         low=0,
         high=1,
@@ -68,7 +68,10 @@ class PlaceParams(Parameters):
 
 
 # Responses under these presets are on another scale than those under preset default.
-_PLACES = dict.fromkeys(("reference", "paper"), PlaceParams(floor=1e-6))
+_PLACES = {
+    **dict.fromkeys(("reference", "paper"), PlaceParams(floor=1e-6, share=0.01)),
+    "lplc2": PlaceParams(floor=1e-3, share=0.01),
+}
 
 
 def place_params(preset: str = DEFAULT_PRESET) -> PlaceParams:

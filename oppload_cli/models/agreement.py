@@ -29,9 +29,9 @@ _ASSUMED_GROWTH = 0.26
 
 
 def evidence(growth: Map, opponency: Map, params: OpplodParams) -> Map:
-    """Return ``A^n (c2 R^2 + R_0)^k``, what both measurements say together.
+    """Return ``A (c2 R^2 + R_0)^k``, what both measurements say together.
 
-    Its logarithm is the sum of both logarithms with the weights n and k, as in a likelihood ratio.
+    Its logarithm is the sum of both logarithms with the weights 1 and k, as in a likelihood ratio.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ def evidence(growth: Map, opponency: Map, params: OpplodParams) -> Map:
     opponency : ndarray of float32
         ``c2 R^2``, the enhanced response of the units, at least 0.
     params : OpplodParams
-        `opponency_floor` is R_0; `growth_weight` and `opponency_weight` are n and k.
+        `opponency_floor` is R_0, and `opponency_weight` is k.
     """
     floor = np.float32(params.opponency_floor)
     units = (opponency + floor) ** np.float32(params.opponency_weight)
-    return np.asarray(growth ** np.float32(params.growth_weight) * units, np.float32)
+    return np.asarray(growth * units, np.float32)
 
 
 class AgreementJudgement(PooledJudgement):

@@ -205,6 +205,9 @@ class Detector(ABC):
     alarm_floors : mapping of str to float
         The floor of the alarm by preset: at or below this response the detector never alarms.
         Presets that are not named have the floor of ``default``.
+    alarm_factor : float
+        The alarm's threshold is this many times the median of the recent responses, if
+        ``alarm.factor`` is auto; 0: the floor alone.
     by_default : bool
         Whether the detector runs if the user chooses none; a subclass does not inherit this.
     variant_of : str
@@ -256,6 +259,7 @@ class Detector(ABC):
     parameters: ClassVar[type[Parameters]] = Parameters
     presets: ClassVar[Mapping[str, Parameters]] = {}
     alarm_floors: ClassVar[Mapping[str, float]] = {DEFAULT_PRESET: 0.0}
+    alarm_factor: ClassVar[float] = 8.0
     by_default: ClassVar[bool] = False
     variant_of: ClassVar[str] = ""
     evaluated: ClassVar[bool] = True

@@ -92,7 +92,8 @@ class Opplod(Detector):
         ),
         "lplc2": _LPLC2,
     }
-    alarm_floors: ClassVar = {"default": 7e-4, "reference": 8e-4}
+    alarm_floors: ClassVar = {"default": 0.09, "reference": 8e-4}
+    alarm_factor = 0.0  # the growth of a scene that always moves does not reach the floor
     by_default = True
     warm_up = 3  # S needs P now, one and two intervals ago
     columns: ClassVar = (

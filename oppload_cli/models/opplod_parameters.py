@@ -101,11 +101,8 @@ class OpplodParams(DpcParams):
     growth_memory_s: float = parameter(
         0.1, "time constant with which growth is followed along its motion", low=0, high=10
     )
-    growth_weight: float = parameter(
-        3.0, "exponent of the growth in its product with the units' response", low=0, high=10
-    )
     opponency_weight: float = parameter(
-        0.45, "exponent of the units' response in its product with the growth", low=0, high=10
+        0.15, "exponent of the units' response in its product with the growth", low=0, high=10
     )
     opponency_floor: float = parameter(
         1e-6,

@@ -132,6 +132,11 @@ class DenseFlow:
         vectors: Luma = self._search.calc(before[1], now, None)
         return Flow(vectors * np.float32(side), change, side, passed_s)
 
+    def stand_still(self, time_s: float) -> None:
+        """Take a frame that shows the latest picture again: motion begins after it."""
+        if self._earlier:
+            self._earlier[-1] = time_s, self._earlier[-1][1]
+
     def _is_nearer(self, age_s: float, other_s: float) -> bool:
         return abs(age_s - self._interval_s) <= abs(other_s - self._interval_s)
 

@@ -84,9 +84,12 @@ class Preparation:
 
     def _prepared(self, frame: Frame, repeat: Repeat) -> Prepared:
         """Return a frame with its motion."""
+        taken_s = frame.time_s + repeat.shift_s
         if repeat.kind:
+            if not repeat.passed_over:
+                self._flow.stand_still(taken_s)
             return Prepared(frame, repeat, None, RmoMetrics() if self._rmo else None)
-        flow = self._flow.step(frame.luma, frame.time_s + repeat.shift_s)
+        flow = self._flow.step(frame.luma, taken_s)
         rmo = rmo_of(flow, self._rmo) if flow and self._rmo else None
         return Prepared(frame, repeat, flow, rmo)
 

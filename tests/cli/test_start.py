@@ -33,7 +33,7 @@ def test_models_lists_every_parameter_once_defined() -> None:
     known = {"receptive_field", "cell", "pool_sigma", "axes", "periphery", "threshold", "gain"}
     assert known < names
     assert described["presets"]["paper"]["opplod"]["receptive_field"] == 200
-    assert described["presets"]["default"]["alarm"]["opplod_floor"] == 0.0007
+    assert described["presets"]["default"]["alarm"]["opplod_floor"] == 0.09
     grouping = described["parameters"]["lgmd1_group"][2]
     assert [grouping[end] for end in ("low", "above", "high")] == [None, 0, 1000]
     assert "source: after Hua et al. 2022\n" in oppload("models", "hua_literal").stdout

@@ -221,9 +221,9 @@ def test_without_an_alarm_no_response_is_above_the_threshold() -> None:
 
 def test_presets_calibrate_the_alarm() -> None:
     default, reference = alarm_params(), alarm_params("reference")
-    assert (default.factor, default.enough_s, default.window_s) == (8, 0, 0)
+    assert (default.factor, default.enough_s, default.window_s) == (None, 0, 0)
     assert (reference.factor, reference.enough_s, reference.window_s) == (30, 0.03, 0.09)
-    assert (default.floor_of("opplod"), reference.floor_of("opplod")) == (7e-4, 8e-4)
+    assert (default.floor_of("opplod"), reference.floor_of("opplod")) == (0.09, 8e-4)
     assert default.floor_of("dlgmd") == reference.floor_of("dlgmd") == 0.01
     assert (default.on, reference.on, alarm_params("paper").on) == (True, True, False)
 

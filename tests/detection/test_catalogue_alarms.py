@@ -202,11 +202,11 @@ def test_a_looming_disk_alarms_before_contact(l_over_v: int, centre: tuple[int, 
 @pytest.mark.parametrize(
     ("name", "largest", "contacts"),
     [
-        ("controls/dots-coherence/coherence-0", 1.91e-4, 0),
-        ("controls/dots-coherence/coherence-0.5", 1.52e-5, 0),
-        ("controls/translating-disk-direction/rotation-0", 2.3e-9, 0),
-        ("opplod2023/looming-disk-centre", 4.22e-3, None),
-        ("opplod2023/looming-disk-off-centre", 4.79e-3, None),
+        ("controls/dots-coherence/coherence-0", 0.0576, 0),
+        ("controls/dots-coherence/coherence-0.5", 0.0248, 0),
+        ("controls/translating-disk-direction/rotation-0", 0.0013, 0),
+        ("opplod2023/looming-disk-centre", 0.1616, None),
+        ("opplod2023/looming-disk-off-centre", 0.1686, None),
     ],
 )
 def test_the_responses_from_which_the_floor_follows(
@@ -218,6 +218,6 @@ def test_the_responses_from_which_the_floor_follows(
     records = list(analyse(video, params, alarm=alarm_params("default"), rmo=None))
     responses = [each.responses["opplod"] for each in records if not each.blind]
     found = max(one.response for one in responses if one)
-    assert found == pytest.approx(largest, rel=0.05, abs=1e-6)
+    assert found == pytest.approx(largest, rel=0.05, abs=1e-3)
     known = [each for each in records if any(one.time_to_contact_s for one in each.detections)]
     assert contacts is None or len(known) == contacts

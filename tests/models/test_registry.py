@@ -152,7 +152,7 @@ def test_the_parameters_and_floors_of_a_preset() -> None:
     assert registry.parameters_of("opplod") == OpplodParams()
     assert registry.parameters_of("opplod", "reference") == Opplod.presets["reference"]
     assert registry.parameters_of("dlgmd", "reference") == DlgmdParams()
-    assert registry.alarm_floor_of("opplod") == registry.alarm_floor_of("opplod", "paper") == 7e-4
+    assert registry.alarm_floor_of("opplod") == registry.alarm_floor_of("opplod", "paper") == 0.09
     assert registry.alarm_floor_of("opplod", "reference") == 8e-4
     with pytest.raises(ParameterError, match="no preset 'papr'"):
         registry.parameters_of("dlgmd", "papr")

@@ -145,7 +145,8 @@ def test_a_stimulus_is_seen_in_the_degrees_of_its_ground_truth(
         assert float(row["opplod_elevation_deg"]) == pytest.approx(6, abs=2)
         [disk] = truth["frames"][int(row["frame"])]["objects"]
         size = float(row["opplod_angular_size_deg"])
-        assert size == pytest.approx(disk["angular_size_deg"], rel=0.25, abs=2)
+        # Around a small plain disk the search moves some of the ground too.
+        assert disk["angular_size_deg"] < size < 1.75 * disk["angular_size_deg"]
     view = sidecar["field_of_view"]
     assert (view["origin"], view["projection"]) == ("stimulus", "flat")
     assert (view["horizontal_deg"], view["vertical_deg"]) == pytest.approx((60, 48))

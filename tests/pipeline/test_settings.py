@@ -52,11 +52,11 @@ def test_defaults() -> None:
 
 
 def test_a_preset_brings_its_own_alarm() -> None:
-    assert (resolve().alarm.floor_of("opplod"), resolve().alarm.factor) == (7e-4, 8)
+    assert (resolve().alarm.floor_of("opplod"), resolve().alarm.factor) == (0.09, None)
     reference = resolve(preset="reference", assignments=["alarm.factor=2"])
     assert (reference.alarm.floor_of("opplod"), reference.alarm.factor) == (8e-4, 2)
     assert reference.origins["alarm.opplod_floor"] == "preset reference"
-    assert (resolve().places.floor, reference.places.floor) == (1e-5, 1e-6)
+    assert (resolve().places.floor, reference.places.floor) == (0.02, 1e-6)
     assert (resolve().time.interval, resolve(preset="paper").time.interval) == ("1/30", "frame")
     assert not resolve(preset="paper").alarm.on
     assert resolve(preset="paper", assignments=["alarm.on=true"]).alarm.on

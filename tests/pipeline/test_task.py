@@ -144,7 +144,7 @@ def test_an_outcome_of_a_kept_result_is_that_of_its_run(task: Task, tmp_path: Pa
         ({"measure_rmo": True}, "with radial motion opponency"),
         ({"span/start": "f3"}, "of another part of the input: see --start"),
         ({"preset": "paper", "parameters/alarm/factor": 9}, "of preset paper, not default"),
-        ({"parameters/alarm/factor": 9}, "with alarm.factor = 9, not 8.0"),
+        ({"parameters/alarm/factor": 9}, "with alarm.factor = 9, not None"),
         ({"parameters/places/most": 9}, "with places.most = 9, not"),
         ({"parameters/repeats/handling": "off"}, "with repeats.handling = off, not"),
         ({"parameters/time/interval": "frame"}, "with time.interval = frame, not 1/30"),
