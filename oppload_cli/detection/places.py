@@ -47,7 +47,7 @@ class Detection(NamedTuple):
     time_to_contact_s : float or None
         Estimate in seconds, above 0; None if it is not determined.
     time_to_contact_error_s : float or None
-        Error of the estimate in seconds, from the residuals of the growths (``docs/places.md``).
+        Error of the estimate in seconds, the scatter of single estimates (``docs/places.md``).
     view : View or None
         Box, focus and growth in degrees; None if the field of view is not known.
 

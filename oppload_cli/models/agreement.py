@@ -64,7 +64,7 @@ class AgreementJudgement(PooledJudgement):
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
     ) -> None:
         super().__init__(shape, params, per_second)
-        side = params.growth_share * shape[0]
+        side = params.growth_share * min(shape)
         rows, columns = self._selected.shape
         self._growth = RadialGrowth(shape, (rows, columns), side, params.growth_memory_s)
         # A unit's receptive field reaches a place if it is at most half a field away.

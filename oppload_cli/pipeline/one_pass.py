@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from oppload_cli.detection.alarm import Alarm, Cuts
 from oppload_cli.detection.places import Detections
 from oppload_cli.models.bank import DetectorBank
-from oppload_cli.models.detector import Box
+from oppload_cli.models.detector import Box, Detector
+from oppload_cli.models.registry import detector_of
 from oppload_cli.models.timebase import ROUNDING, ROUNDING_S
 from oppload_cli.motion.flow import DenseFlow, Flow, Interpolation, rmo_of
 from oppload_cli.motion.rmo import RmoMetrics
@@ -48,6 +49,13 @@ class PassParams(NamedTuple):
     rmo: RmoParams | None  # None: RMO is not measured
     repeats: Repeats  # recognises the repeats of this pass
 
+    @property
+    def needs_flow(self) -> bool:
+        """Whether RMO, a detector's objects or pictures in between need the flow of each frame."""
+        kinds = map(detector_of, self.params)
+        uses = (kind.places or kind.interpolated is not Detector.interpolated for kind in kinds)
+        return self.rmo is not None or any(uses)
+
 
 class Prepared(NamedTuple):
     """A frame with its corrected time, whether it is a repeat, and its motion."""
@@ -68,7 +76,8 @@ class Preparation:
     def __init__(self, chosen: PassParams, rate: Fraction | None) -> None:
         self.times, self.repeats = FrameTimes(rate), chosen.repeats
         per_second = chosen.time.per_second
-        self._flow, self._rmo = DenseFlow(1 / per_second if per_second else 0), chosen.rmo
+        self._flow = DenseFlow(1 / per_second if per_second else 0) if chosen.needs_flow else None
+        self._rmo = chosen.rmo
         # The first frames of the video, until a cadence is known or there are too many.
         self._first: list[Prepared] | None = []
 
@@ -85,8 +94,8 @@ class Preparation:
     def _prepared(self, frame: Frame, repeat: Repeat) -> Prepared:
         """Return a frame with its motion."""
         taken_s = frame.time_s + repeat.shift_s
-        if repeat.kind:
-            if not repeat.passed_over:
+        if repeat.kind or not self._flow:
+            if self._flow and not repeat.passed_over:
                 self._flow.stand_still(taken_s)
             return Prepared(frame, repeat, None, RmoMetrics() if self._rmo else None)
         flow = self._flow.step(frame.luma, taken_s)
@@ -106,7 +115,8 @@ class Preparation:
         if self.repeats.is_cadence:
             self._first = None
             found = self.repeats.again([(each.frame.luma, each.frame.time_s) for each in first])
-            self._flow.reset()
+            if self._flow:
+                self._flow.reset()
             *again, latest = (
                 self._prepared(seen.frame, repeat)
                 for seen, repeat in zip(first, found, strict=True)
@@ -209,7 +219,8 @@ class DetectorPass:
         """
         (frame, repeat, flow), bank = prepared[:3], self._bank
         luma, taken_s = frame.luma, frame.time_s + repeat.shift_s
-        bank.give(None)
+        if self._chosen.needs_flow:  # without it, detectors that use the flow measure it
+            bank.give(None)
         if repeat.still_begins:
             # The frames that were passed over are no repeats: the detectors get them now.
             for passed_over_s in self._passed_over_s:
@@ -233,7 +244,8 @@ class DetectorPass:
             between = replace(frame, time_s=shown_s, luma=picture)
             shown = Prepared(between, Repeat(shift_s=time_s - shown_s), None, None)
             self._judged(responses, shown, blind)
-        bank.give(flow)
+        if self._chosen.needs_flow:
+            bank.give(flow)
         self._before_s, self._taken_s = frame.time_s, taken_s
         return blind
 

@@ -165,7 +165,7 @@ def _add_settings(settings: defaultdict[str, set[str]], content: dict[str, Any])
     settings["--height"].add(str(height or NATIVE))
     for group, values in groups.items() if height and isinstance(groups, dict) else ():
         for name, value in values.items() if isinstance(values, dict) else ():
-            settings[f"{group}.{name}"].add(str(value))
+            settings[f"{group}.{name}"].add("auto" if value is None else str(value))
 
 
 def _differences(settings: Mapping[str, set[str]]) -> str:

@@ -107,7 +107,7 @@ def test_results_of_different_settings_are_told(results: Path, tmp_path: Path) -
     content["parameters"]["alarm"]["hold_s"] = 1
     preset, native = copy.deepcopy(content), copy.deepcopy(content)
     preset["preset"], native["height"] = "reference", None
-    most = "dlgmd.group_size 4, 5; dlgmd.threshold_factor 1.2, 2; alarm.factor 8.0, 9"
+    most = "dlgmd.group_size 4, 5; dlgmd.threshold_factor 1.2, 2; alarm.factor 9, auto"
     for other, said in (
         (three, most),
         (content, f"{most}; ..."),
