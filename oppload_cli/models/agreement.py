@@ -63,21 +63,20 @@ class AgreementJudgement(PooledJudgement):
     def __init__(
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
     ) -> None:
+        self._shape = shape  # before the base class, which calls `reset`
         super().__init__(shape, params, per_second)
-        side = params.growth_share * min(shape)
-        rows, columns = self._selected.shape
-        self._growth = RadialGrowth(shape, (rows, columns), side, params.growth_memory_s)
         # A unit's receptive field reaches a place if it is at most half a field away.
         reach = int(self.maps.field / 2 // params.cell_px)
         self._field = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-        self._elapsed = 0.0  # intervals since the latest flow
 
     def reset(self) -> None:
         """Forget all frames."""
         super().reset()
-        if hasattr(self, "_growth"):
-            self._growth.reset()
-            self._elapsed = 0.0
+        side = self._params.growth_share * min(self._shape)
+        rows, columns = self.maps.responses.shape
+        memory_s = self._params.growth_memory_s
+        self._growth = RadialGrowth(self._shape, (rows, columns), side, memory_s)
+        self._elapsed = 0.0  # intervals since the latest flow
 
     def see(self, flow: Flow | None, elapsed: float) -> None:
         """Take the flow of the next frame, `elapsed` intervals after the frame before.

@@ -142,10 +142,6 @@ class RadialGrowth:
         self._memory_s = memory_s
         self.growth: Map = np.zeros(grid, np.float32)
 
-    def reset(self) -> None:
-        """Forget all frames."""
-        self.growth[:] = 0
-
     def step(self, flow: Flow, elapsed_s: float) -> None:
         """Take the flow of the next frame, `elapsed_s` seconds (above 0) after the frame before."""
         fit = self._windows.fit(flow.vectors)

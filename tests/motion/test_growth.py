@@ -90,14 +90,12 @@ def followed(vectors: Map, frames: int, memory_s: float = MEMORY_S) -> RadialGro
     return growth
 
 
-def test_growth_rises_with_the_time_constant_and_is_forgotten_at_a_reset() -> None:
+def test_growth_rises_with_the_time_constant() -> None:
     """A memory of 0.1 s is three frames; the rate is 0.05 in 1/30 s."""
     constant = field(0.05, 0.05)
     assert followed(constant, 1, 0).growth[CENTRE] == pytest.approx(1.5, rel=0.02)
     growth = followed(constant, 3)
     assert growth.growth[CENTRE] == pytest.approx(1.5 * (1 - math.exp(-1)), rel=0.02)
-    growth.reset()
-    assert not growth.growth.any()
     # One step of 0.1 s has the same weight as three, and a flow of 1/15 s half the rate.
     growth.step(flow(constant, 1 / 15), 0.1)
     assert growth.growth[CENTRE] == pytest.approx(0.75 * (1 - math.exp(-1)), rel=0.02)
