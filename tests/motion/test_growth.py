@@ -97,6 +97,7 @@ def test_growth_rises_with_the_time_constant() -> None:
     growth = followed(constant, 3)
     assert growth.growth[CENTRE] == pytest.approx(1.5 * (1 - math.exp(-1)), rel=0.02)
     # One step of 0.1 s has the same weight as three, and a flow of 1/15 s half the rate.
+    growth = followed(constant, 0)
     growth.step(flow(constant, 1 / 15), 0.1)
     assert growth.growth[CENTRE] == pytest.approx(0.75 * (1 - math.exp(-1)), rel=0.02)
 
