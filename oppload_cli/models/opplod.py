@@ -189,5 +189,6 @@ class Opplod(Detector):
         ready = self._dpc.step(luma)
         if not isinstance(judgement, AgreementJudgement):
             return judgement.judge(self._dpc.layer) if ready else None
-        judgement.see(self.layers.flow().of(luma, frames), self._dpc.layer.photoreceptors.elapsed)
+        elapsed = self._dpc.layer.photoreceptors.elapsed if frames else 0.0
+        judgement.see(self.layers.flow().of(luma, frames), elapsed)
         return judgement.respond(self._dpc.layer, measured=self._measured) if ready else None

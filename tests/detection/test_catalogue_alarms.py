@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 HEIGHT = PRESETS["default"].height
 LOOM = "klapoetke2017/loom-l-over-v"
-LEADS = {20: 5, 40: 9, 60: 13, 80: 16, 100: 19}  # frames before contact
+LEADS = {20: 5, 40: 9, 60: 13, 80: 16, 100: 18}  # frames before contact
 EARLIEST, LEAD = 40, 3  # frames, for disks beside the middle
 BESIDE = -18, 15  # deg
 QUICK = (20, BESIDE), (40, (0, 0)), (100, BESIDE)
@@ -202,7 +202,7 @@ def test_a_looming_disk_alarms_before_contact(l_over_v: int, centre: tuple[int, 
 @pytest.mark.parametrize(
     ("name", "largest", "contacts"),
     [
-        ("controls/dots-coherence/coherence-0", 0.0576, 0),
+        ("controls/dots-coherence/coherence-0", 0.0576, 7),
         ("controls/dots-coherence/coherence-0.5", 0.0248, 0),
         ("controls/translating-disk-direction/rotation-0", 0.0013, 0),
         ("opplod2023/looming-disk-centre", 0.1616, None),
