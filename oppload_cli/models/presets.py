@@ -38,7 +38,7 @@ PRESETS = {
     for preset in (
         Preset(
             "default",
-            "for videos of cameras: large fields, compressed contrast, adaptation to the scene",
+            "for videos of cameras: opponent units and the growth of the optical flow must agree",
             240,
         ),
         Preset(

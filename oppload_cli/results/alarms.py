@@ -104,10 +104,10 @@ class Verdict(NamedTuple):
         elif self.strongest <= 1:
             largest += ", but above the threshold when the alarm began"
         best = max(self.alarms, key=lambda alarm: alarm.peak_over_threshold)
-        units = {column.name: column.unit for column in detector_named(self.model).columns}
+        columns = detector_named(self.model).columns
+        units = {column.name: column.unit.removeprefix("1") for column in columns}
         because = ", ".join(
-            f"{name} {value:.2g}" + f" {units[name]}".rstrip()
-            for name, value in best.witnesses.items()
+            f"{name} {value:.2g}{units[name]}" for name, value in best.witnesses.items()
         )
         largest += f" ({because})" if because else ""
         return f"alarm at {first.start_s:.2f} s (frame {first.start_frame}{contact}){many}{largest}"

@@ -65,7 +65,7 @@ def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> No
     assert second.time_to_contact_s is None
     assert str(found) == (
         "alarm at 0.20 s (frame 2, contact estimated 0.8 s later), 2 alarms, "
-        "response up to 4 times the threshold (growth 0.5 1/s, opponency 2)"
+        "response up to 4 times the threshold (growth 0.5/s, opponency 2)"
     )
 
 
@@ -86,7 +86,7 @@ def test_an_alarm_below_its_threshold_has_its_reason() -> None:
     constant = [0.25, 0.25, 0.25]  # with a floor of 0 it alarms before a background is known
     assert str(verdict(constant, on=[0, 1, 2], threshold=(0.0, 2.0, 2.0))) == (
         "alarm at 0.00 s (frame 0), response up to 0.12 times the threshold, but above the "
-        "threshold when the alarm began (growth 0.5 1/s, opponency 0.062)"
+        "threshold when the alarm began (growth 0.5/s, opponency 0.062)"
     )
     assert str(verdict(constant, on=[0, 1, 2], threshold=0.0)) == (
         "alarm at 0.00 s (frame 0), response above a threshold of 0"
@@ -129,7 +129,7 @@ def test_a_peak_outside_the_alarms_is_told_with_its_reason() -> None:
     found.append(found[0]._replace(peak_blind=None))
     assert list(map(str, found)) == [
         f"{begin} (the peak is 4.5 times, which did not count: it came {why}) "
-        "(growth 0.5 1/s, opponency 0.75)"
+        "(growth 0.5/s, opponency 0.75)"
         for why in (
             "at the start",
             "soon after an alarm, or was too short",
@@ -142,7 +142,7 @@ def test_a_peak_outside_the_alarms_is_told_with_its_reason() -> None:
 def test_many_verdicts_are_one_line() -> None:
     assert in_words([verdict([0], []), verdict([3], [0])]) == (
         "OppLoD no alarm; OppLoD alarm at 0.00 s (frame 0), response up to 1.5 times the threshold "
-        "(growth 0.5 1/s, opponency 0.75)"
+        "(growth 0.5/s, opponency 0.75)"
     )
 
 
