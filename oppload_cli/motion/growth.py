@@ -148,8 +148,7 @@ class RadialGrowth:
         even = (fit.across + fit.down) / 2
         rate = np.maximum(np.minimum(fit.across, fit.down), 0) * fit.explained**2
         focus = np.hypot(fit.x, fit.y) / (np.maximum(even, 1e-6) * self._side)
-        # Beyond 9 sides the weight is below any rounding error; its square would overflow.
-        rate *= np.exp(-(np.minimum(focus, 9) ** 2)) / np.float32(flow.passed_s)
+        rate *= np.exp(-(focus**2)) / np.float32(flow.passed_s)
         moved = np.float32(elapsed_s / flow.passed_s / self._windows.step)
         x, y = self._windows.places
         before = cv2.remap(
