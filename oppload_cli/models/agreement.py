@@ -48,17 +48,7 @@ def evidence(growth: Map, opponency: Map, params: OpplodParams) -> Map:
 
 
 class AgreementJudgement(PooledJudgement):
-    """Opponent units and growth, multiplied at each place.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    params : OpplodParams
-        Resolved parameters.
-    per_second : float
-        Intervals per second.
-    """
+    """Opponent units and growth, multiplied at each place; parameters as `CellJudgement`."""
 
     def __init__(
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0

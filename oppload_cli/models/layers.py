@@ -319,7 +319,7 @@ class FlowLayer:
         self._latest: Flow | None = None
 
     def give(self, flow: Flow | None) -> None:
-        """Set the flow of the next frame; None if it is not known. None is measured from now on."""
+        """Set the flow of the next frame, None if it has none; from now on no flow is measured."""
         self._given, self._latest = True, flow
 
     def of(self, luma: Map, frames: int) -> Flow | None:

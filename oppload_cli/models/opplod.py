@@ -75,7 +75,11 @@ class Opplod(Detector):
     made_for = "240 px high, 30 frames/s; other rates by its presentation times"
     cost_ms = 2.6
     meaning = "OppLoD: DPC, directional inhibition, opponency, enhancing, growth"
-    response_column = "", "enhanced response of OppLoD; empty during warm-up"
+    response_column = (
+        "",
+        "response of OppLoD: under preset default the growth times a power of the units' enhanced "
+        "response, else the enhanced response; empty during warm-up",
+    )
     responses = OpplodResponse
     parameters = OpplodParams
     presets: ClassVar = {
@@ -100,13 +104,13 @@ class Opplod(Detector):
         Column(
             "growth",
             "1/s",
-            "first witness: growth of what is at the place; empty where no flow can be measured",
+            "second witness: growth of what is at the place; empty where no flow can be measured",
             "default",
         ),
         Column(
             "opponency",
             "",
-            "second witness: largest enhanced response of the units whose fields reach the place",
+            "first witness: largest enhanced response of the units whose fields reach the place",
             "default",
         ),
         Column(

@@ -155,7 +155,7 @@ class DetectorPass:
         self._cuts = Cuts(chosen.alarm)
         self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
         detectors = self._bank.detectors.values()
-        self._interpolates = any(each.interpolated != "none" for each in detectors)
+        self._interpolates = any(detector.interpolated != "none" for detector in detectors)
         self._interpolation = Interpolation()
         self._latest: FrameRecord | None = None  # the row that a repeat in a cadence repeats
         self._index = -1  # number of the frame before
