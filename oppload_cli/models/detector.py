@@ -138,8 +138,6 @@ class UnitMaps(NamedTuple):
         Centres of the units in working pixels.
     field : float
         Side of a unit's receptive field in working pixels.
-    spread : float
-        Sigma in working pixels of the pooled S of a thin edge.
 
     Examples
     --------
@@ -156,7 +154,6 @@ class UnitMaps(NamedTuple):
     centres_y: NDArray[np.float64]
     centres_x: NDArray[np.float64]
     field: float
-    spread: float
 
     def box(self, row: int, column: int) -> Box:
         """Return a unit's receptive field, which may reach beyond the edge of the frame."""

@@ -222,7 +222,7 @@ class CellJudgement:
         counts = params.grid() or (None, None)  # of columns and rows
         y, x = (cell_centres(*each) for each in zip(shape, (cell, cell), counts[::-1], strict=True))
         zeros = np.zeros((len(y), len(x)), np.float32)
-        self.maps = UnitMaps(zeros, {}, y, x, float(field), params.pool_sigma * cell)
+        self.maps = UnitMaps(zeros, {}, y, x, float(field))
         self._selected = self._selected_units(shape)
         self._down, self._across = self._pooling_weights(shape)
         self.reset()
@@ -341,7 +341,7 @@ class PixelwiseJudgement:
         self.tops = unit_starts(shape[0] - self._field, rows)
         responses = np.zeros((rows, columns), np.float32)
         y, x = (np.array(each) + self._field / 2 for each in (self.tops, self.lefts))
-        self.maps = UnitMaps(responses, {}, y, x, float(self._field), spread=0.0)
+        self.maps = UnitMaps(responses, {}, y, x, float(self._field))
 
     def reset(self) -> None:
         """Forget the responses to the latest frame."""

@@ -19,10 +19,7 @@ MIDDLE = CELLS // 2
 def blank() -> UnitMaps:
     centres = np.asarray((np.arange(CELLS) + 0.5) * CELL, np.float64)
     maps = {phi: np.zeros((CELLS, CELLS), np.float32) for phi in (45, 225, 135, 315)}
-    field, spread = 100.0, 4.0
-    return UnitMaps(
-        np.zeros((CELLS, CELLS), np.float32), maps, centres, centres.copy(), field, spread
-    )
+    return UnitMaps(np.zeros((CELLS, CELLS), np.float32), maps, centres, centres.copy(), 100.0)
 
 
 def test_peaks_have_a_receptive_field_to_themselves() -> None:

@@ -257,9 +257,9 @@ def test_an_answer_that_is_no_number_is_refused(
     "units",
     [
         5,
-        UnitMaps([[1.0]], {}, np.ones(1), np.ones(1), 9, 1),  # type: ignore[arg-type]
-        UnitMaps(np.ones((2, 1), np.float32), {}, np.ones(1), np.ones(2), 9, 1),
-        UnitMaps(np.full((1, 1), np.nan, np.float32), {}, np.ones(1), np.ones(1), 9, 1),
+        UnitMaps([[1.0]], {}, np.ones(1), np.ones(1), 9),  # type: ignore[arg-type]
+        UnitMaps(np.ones((2, 1), np.float32), {}, np.ones(1), np.ones(2), 9),
+        UnitMaps(np.full((1, 1), np.nan, np.float32), {}, np.ones(1), np.ones(1), 9),
     ],
 )
 def test_units_that_are_none_are_refused(units: object, monkeypatch: pytest.MonkeyPatch) -> None:
