@@ -47,7 +47,6 @@ from oppload_cli.video.frames import (
     turned,
 )
 from oppload_cli.video.inputs import is_address, is_real_time
-from oppload_cli.video.integrity import fault_of
 from oppload_cli.video.planes import is_full_range, is_transparent, luma_plane
 
 if TYPE_CHECKING:
@@ -108,7 +107,6 @@ class ContainerSource(PictureSource):
     def __init__(self, name: str, threads: int = 0, true_rate: Fraction | None = None) -> None:
         super().__init__()
         self.name = name
-        self._read_to = 0  # position of the byte after the last packet
         self._errors = 0  # number of errors that decoders have logged in this process
         self._not_coded = 0  # number of declared frames without a picture of their own
         self._same_times = True  # whether all packets so far are presented when they are decoded
@@ -181,14 +179,6 @@ class ContainerSource(PictureSource):
             self.decode.note(f"{counted(corrupt, 'frame')} {verb} damaged")
         if missing := self.decode.missing:
             self.decode.note(f"{counted(missing, 'declared frame')} never came")
-        if fault := self._fault():
-            self.decode.failed(fault)
-
-    def _fault(self) -> str | None:
-        if self._read_once:
-            return None
-        kind = self._container.format.name
-        return fault_of(self.name, kind, read_to=self._read_to, stream=self._stream.id)
 
     def close(self) -> None:
         """Close the container; may be called twice."""
@@ -307,7 +297,7 @@ class ContainerSource(PictureSource):
         """Return the first frame; raise SourceError if there is none, or if it is too large."""
         first = next(frames, None)
         if first is None:
-            reasons = "; ".join(self.decode.messages) or self._fault() or "it holds no frame"
+            reasons = "; ".join(self.decode.messages) or "it holds no frame"
             remedy = "check what the server sends" if self._remote else "check or convert the file"
             if self._read_once and not self._remote and "mp4" in self._container.format.name:
                 remedy = (
@@ -394,8 +384,6 @@ class ContainerSource(PictureSource):
                 self._arrived_s = perf_counter()  # `monotonic` has steps of 16 ms on Windows
                 stalled = self._stalled(asked_s)
                 self._same_times &= not packet.size or packet.pts == packet.dts
-                if packet.pos is not None:
-                    self._read_to = max(self._read_to, packet.pos + packet.size)
                 reordered = self._stream.codec_context.has_b_frames
                 if packet.size and reordered and self._container.format.name in _DECODE_TIMES:
                     # FFmpeg leaves out some decode times of these packets, and repeats others.

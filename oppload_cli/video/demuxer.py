@@ -15,7 +15,6 @@ from oppload_cli.files.reading import is_file
 from oppload_cli.video.declared import video_streams
 from oppload_cli.video.frames import USUAL_BITS, check_pixels, max_pixels
 from oppload_cli.video.inputs import is_address
-from oppload_cli.video.integrity import CUT, fault_of
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -115,9 +114,9 @@ def video_stream(name: str, container: InputContainer) -> VideoStream:
         raise SourceError(f"{name}: only names other files; give those files instead")
     streams = video_streams(container)
     if not streams:
-        if not is_read_once(name) and fault_of(name, container.format.name) == CUT:
-            raise SourceError(f"{name}: {CUT}, before its pictures; copy or record it again")
-        raise SourceError(f"{name}: holds no video stream; give a file with pictures")
+        raise SourceError(
+            f"{name}: holds no video stream; give a file with pictures, or a complete copy of it"
+        )
     # PyAV's type stubs promise a codec, but a stream with an unknown codec has none.
     codec: Any = streams[0].codec_context
     if codec is None:

@@ -19,7 +19,6 @@ from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import MAX_PIXELS
-from oppload_cli.video.integrity import FURTHER
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Position, Span, parse_position
 from tests.media import grey_frames, write_video
@@ -407,30 +406,6 @@ def test_joined_transport_streams_are_complete(tmp_path: Path, count: int) -> No
         assert not video.decode.complete
 
 
-@pytest.mark.parametrize(
-    ("suffix", "codec", "options"),
-    [
-        ("ts", "mpeg4", {"mpegts_start_pid": "0x200"}),
-        ("mp4", "mpeg4", {}),
-        ("mov", "mpeg4", {}),
-        ("flv", "flv", {}),
-    ],
-)
-def test_joined_files_of_which_only_the_first_is_read(
-    tmp_path: Path, suffix: str, codec: str, options: dict[str, str]
-) -> None:
-    paths = [tmp_path / f"{name}.{suffix}" for name in ("a", "b")]
-    for path, more in zip(paths, ({}, options), strict=True):
-        images = grey_frames(9)
-        write_video(path, images, codec=codec, pixel_format="yuv420p", container=more)
-    joined = tmp_path / f"joined.{suffix}"
-    joined.write_bytes(b"".join(path.read_bytes() for path in paths))
-    with open_video(joined) as video:
-        assert len(list(video)) == 9
-        assert video.decode.messages == [FURTHER]
-        assert not video.decode.complete
-
-
 def test_further_streams_that_begin_later_are_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -690,7 +665,7 @@ def test_the_error_names_a_file_that_is_no_video(
     ("bytes_of_index", "message"),
     [
         (0, r"lacks the index of an MP4, as after an unfinished recording"),
-        (200, r"a.mp4: the file ends too early, before its pictures; copy or record it again"),
+        (200, r"a.mp4: holds no video stream; give a file with pictures, or a complete copy"),
     ],
 )
 def test_a_recording_without_its_index(tmp_path: Path, bytes_of_index: int, message: str) -> None:
