@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import csv
-import io
 import os
 import re
 import sys
@@ -17,16 +15,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ExitCode, ParameterError, printable
 from oppload_cli.files.atomic import output_errors
-from oppload_cli.files.reading import content_of, fault_of_stem, reading
+from oppload_cli.files.reading import content_of, reading
 from oppload_cli.files.tables import open_csv, rows_of
 from oppload_cli.processes.threads import Call
 from oppload_cli.results.alarms import ALARM_COLUMNS, MOST_IN_A_LINE, in_words, label_of
-from oppload_cli.results.table import TABLE
 from oppload_cli.video.inputs import (
     each_once,
     found_inputs,
     is_image_file,
-    other_stems,
     result_stem,
     without_truths,
 )
@@ -43,19 +39,10 @@ FAILURE_COLUMNS = ("input", "stem", "exit_code", "error")  # of failures.csv
 
 
 class Input(NamedTuple):
-    """One input of a batch, or one entry of a list of inputs.
-
-    Attributes
-    ----------
-    name : str
-        The input; in a list also a folder or a pattern, which stands for several inputs.
-    stem : str
-        The names of its results begin with it, as in ``{stem}.frames.csv``. Empty in a list, unless
-        an earlier batch has chosen a stem.
-    """
+    """One input of a batch, and its stem: the names of its results are ``{stem}.frames.csv``."""
 
     name: str
-    stem: str = ""
+    stem: str
 
 
 @dataclass(frozen=True)
@@ -67,8 +54,7 @@ class Failure:
     name : str
         The input, as the user named it.
     stem : str
-        The stem of its results, which a retry from ``failures.csv`` keeps; empty if the name stands
-        for no input.
+        The stem that its results would have; empty if it has none of its own.
     code : int
         The exit code of a run of this input alone (``docs/formats.md``).
     message : str
@@ -101,28 +87,20 @@ class Plan:
         return Plan(self.inputs[number - 1 :: count], self.failures if number == 1 else [])
 
 
-def planned(named: Iterable[str | Input | Failure], *, recursive: bool = False) -> Plan:
+def planned(named: Iterable[str], *, recursive: bool = False) -> Plan:
     """Return the plan for the names that the user gives.
 
     Parameters
     ----------
-    named : iterable of str, Input or Failure
-        Files, folders, patterns and addresses. An Input with a stem keeps the stem; a Failure of a
-        list becomes a failure of the plan.
+    named : iterable of str
+        Files, folders, patterns and addresses.
     recursive : bool
         Whether folders are searched to any depth.
     """
     stems: dict[str, str] = {}
     failures: list[Failure] = []
-    for entry in named:
-        if isinstance(entry, Failure):
-            failures.append(entry)
-            continue
-        given = entry if isinstance(entry, Input) else Input(entry)
-        if given.stem:
-            stems[given.name] = given.stem
-            continue
-        for name, error, folder in found_inputs(given.name, recursive=recursive):
+    for given in named:
+        for name, error, folder in found_inputs(given, recursive=recursive):
             if error is None:
                 stems.setdefault(name, result_stem(name, folder))
             else:
@@ -139,11 +117,12 @@ def planned(named: Iterable[str | Input | Failure], *, recursive: bool = False) 
     names = [name for name in names if name not in not_videos]
     holders: dict[str, str] = {}  # the input that has a stem, by `_stem_key`
     inputs: list[Input] = []
-    clashing: list[Input] = []
     for name in names:
         holder = holders.setdefault(_stem_key(stems[name]), name)
-        (inputs if holder == name else clashing).append(Input(name, stems[name]))
-    failures += [_same_stem(*each, holders) for each in clashing]
+        if holder == name:
+            inputs.append(Input(name, stems[name]))
+        else:
+            failures.append(_same_stem(name, holder))
     return Plan(inputs, list(dict.fromkeys(failures)))
 
 
@@ -152,25 +131,15 @@ def _stem_key(stem: str) -> str:
     return unicodedata.normalize("NFC", stem.casefold())
 
 
-def _same_stem(name: str, stem: str, holders: dict[str, str]) -> Failure:
-    """Return the failure of an input whose stem another input has.
-
-    The input gets a new stem, which is added to `holders`. Only a run from ``failures.csv`` uses
-    the new stem: which of two inputs comes second may change if the user names further inputs.
-    """
-    holder = holders[_stem_key(stem)]
-    new = next(
-        each
-        for each in other_stems(name, stem)
-        if holders.setdefault(_stem_key(each), name) == name
-    )
+def _same_stem(name: str, holder: str) -> Failure:
+    """Return the failure of an input whose stem another input has."""
     in_other_folder = Path(name).parent != Path(holder).parent and os.path.lexists(name)
     message = (
         f"{name}: its results would have the same names as those of {holder}; "
-        f"{'give a folder of both with --recursive, or ' * in_other_folder}run the list of "
-        f"failures, which names its table {new}{TABLE}"
+        f"{'give a folder of both with --recursive, or ' * in_other_folder}rename it, or run it "
+        "alone with another --output"
     )
-    return Failure(name, new, ExitCode.USAGE, message)
+    return Failure(name, "", ExitCode.USAGE, message)
 
 
 def _single_images(names: Iterable[str]) -> dict[str, list[str]]:
@@ -193,23 +162,21 @@ def parse_shard(text: str) -> tuple[int, int]:
     return number, count
 
 
-def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
-    """Read a list of inputs.
+def read_list(source: str, *, null: bool = False) -> list[str]:
+    """Return the names in a list of inputs.
 
     Parameters
     ----------
     source : str
-        A file, or ``-`` for standard input, with a name on each line (empty lines are ignored); or
-        the ``failures.csv`` of a batch, of which a faulty row becomes a failure.
+        A file, or ``-`` for standard input, with a name on each line (empty lines are ignored).
     null : bool
         Whether the names end in NUL, as ``find -print0`` writes them.
 
     Raises
     ------
     ParameterError
-        If the list cannot be read, names nothing, or is an ``alarms.csv``.
+        If the list cannot be read, names nothing, or is a table of a batch.
     """
-    entries: list[Input | Failure]
     content = _content(source).removeprefix(codecs.BOM_UTF8)
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise ParameterError(f"--files-from {source}: is text in UTF-16; save it as UTF-8")
@@ -219,52 +186,26 @@ def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
         raise ParameterError(
             f"--files-from {source}: is not text in UTF-8; save it as UTF-8"
         ) from error
-    if text.startswith(",".join(ALARM_COLUMNS)):
+    if text.startswith((",".join(ALARM_COLUMNS), ",".join(FAILURE_COLUMNS))):
         raise ParameterError(
-            f"--files-from {source}: is a table of alarms, not a list; give a failures.csv, or a "
-            f"file with a name on each line"
+            f"--files-from {source}: is a table of a batch, not a list; give a file with a name on "
+            f"each line, or the command of the batch with --if-exists skip"
         )
     if null:
         if "\0" not in text and "\n" in text:
             raise ParameterError(
                 f"--files-from {source}: its names do not end in NUL; leave out -0"
             )
-        entries = [Input(name) for name in text.split("\0") if name]
-    elif text.startswith(",".join(FAILURE_COLUMNS)):
-        entries = list(_rows_of_failures(source, text))
+        names = [name for name in text.split("\0") if name]
     else:
         # Not `splitlines`, which also splits at other characters that a name may hold.
         lines = (line.removesuffix("\r") for line in text.split("\n"))
-        entries = [Input(line) for line in lines if line]
-    if not entries:
+        names = [line for line in lines if line]
+    if not names:
         raise ParameterError(f"--files-from {source}: names no input; put a name on each line")
-    if any("\0" in entry.name for entry in entries):
+    if any("\0" in name for name in names):
         raise ParameterError(f"--files-from {source}: its names end in NUL; add -0")
-    return entries
-
-
-def _rows_of_failures(source: str, text: str) -> Iterator[Input | Failure]:
-    """Yield the rows of a ``failures.csv``.
-
-    The file may be from another place, so its stems are checked: no stem may lead out of the
-    folder of the batch, or to the results of another input.
-    """
-    holders: dict[str, str] = {}
-    with reading(f"--files-from {source}", ParameterError, form="CSV"):
-        for number, row in enumerate(csv.DictReader(io.StringIO(text, newline="")), 2):
-            name, stem = row["input"] or "", row["stem"] or ""
-            fault = fault_of_stem(stem) if stem else ""
-            fault = fault and f"the stem '{stem}' is no plain name, as it {fault}"
-            holder = holders.setdefault(_stem_key(stem), name)
-            if stem and holder != name:
-                fault = f"the stem '{stem}' is already the stem of {holder}"
-            if not name:
-                fault = "it names no input"
-            if fault:
-                message = f"--files-from {source}: row {number}: {fault}; correct the row"
-                yield Failure(name, "", ExitCode.USAGE, message)
-            else:
-                yield Input(name, stem)
+    return names
 
 
 def _content(source: str) -> bytes:
@@ -391,7 +332,7 @@ def failed_in(folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def write_failures(path: Path, failures: Iterable[Failure]) -> None:
-    """Write ``failures.csv``, which ``--files-from`` reads; without a failure, remove it.
+    """Write ``failures.csv``; without a failure, remove it.
 
     The rows are sorted by name, as the processes of a batch end in any order. Raises OutputError if
     the file cannot be written.

@@ -6,7 +6,6 @@ The command imports this module after it has begun to decode the video.
 from __future__ import annotations
 
 import os
-import re
 import sys
 import time
 from dataclasses import replace
@@ -15,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from oppload_cli.batch.plan import (
     FAILURE_COLUMNS,
@@ -51,7 +49,6 @@ from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import Settings, check_assignments, resolve
 from oppload_cli.pipeline.task import (
-    REMEDY,
     IfExists,
     Interrupted,
     Outcome,
@@ -78,10 +75,6 @@ if TYPE_CHECKING:
 
 _STANDARD_OUTPUT = "-"
 _MOST_LISTED = 10  # how many inputs with alarms, and how many with remarks, are printed
-# Options that a retry of the failed inputs does not repeat.
-_NOT_REPEATED = {
-    "recursive", "files_from", "null", "shard", "dry_run", "if_exists", "report_pages",
-}  # fmt: skip
 
 
 def run_inputs(
@@ -120,7 +113,6 @@ def run_inputs(
     task = Task("", settings, None, span, *rates, if_exists, command, boxes=options.boxes)
     if str(options.output) == _STANDARD_OUTPUT:
         return _run_one(replace(task, name=_streamed_input(inputs, options)), options, opening)
-    began = time.time()
     plan = _plan_of(inputs, options)
     tasks = _tasks(plan, task, options)
     if options.dry_run:
@@ -142,8 +134,6 @@ def run_inputs(
             raise
         if options.report_pages:
             code = _make_pages(_tasks(plan, task, options), options) or code
-        for sentence in () if options.quiet else _outdated(_tasks(plan, task, options), began):
-            say(f"oppload: {sentence}")
         return code
 
 
@@ -253,17 +243,6 @@ def _existing_tables(tasks: Iterator[Task]) -> list[Path]:
     return [path for path in paths if os.path.lexists(path)]
 
 
-def _outdated(tasks: Iterator[Task], began: float) -> Iterator[str]:
-    """Yield a sentence if annotated videos or pages show results that this run has replaced."""
-    paths = [path for task in tasks if task.outputs for path in task.outputs.outdated(began)]
-    if paths:
-        more = f", like {counted(len(paths) - 1, 'other file')}," if len(paths) > 1 else ""
-        yield (
-            f"{paths[0]}{more} is older than the result beside it; make it again (--annotate, "
-            "--report), or remove it"
-        )
-
-
 def _make_pages(tasks: Iterator[Task], options: RunOptions) -> int:
     """Write the pages of the results that exist; return the exit code."""
     tables = _existing_tables(tasks)
@@ -339,19 +318,6 @@ def _streamed_input(inputs: tuple[str, ...], options: RunOptions) -> str:
     return inputs[0]
 
 
-def _shard_of_lists(options: RunOptions) -> str:
-    """Return how the names of the lists of a shard end, such as ``-3-of-8``; else an empty text.
-
-    A retry of the failures of a shard brings the lists of this shard up to date.
-    """
-    if options.shard:
-        return f"-{options.shard.replace('/', '-of-')}"
-    listed = Path(options.files_from or "")
-    of_shard = re.fullmatch(r"failures(-\d+-of-\d+)\.csv", listed.name)
-    in_folder = listed.parent.resolve() == options.output.resolve()
-    return of_shard[1] if of_shard and in_folder else ""
-
-
 class _Batch:
     """Runs the inputs of a plan, and prints their outcomes; the observer of the tasks.
 
@@ -360,7 +326,8 @@ class _Batch:
 
     def __init__(self, plan: Plan, models: Sequence[str], options: RunOptions) -> None:
         self._plan, self._options, self._verbosity = plan, options, options.verbosity
-        part = _shard_of_lists(options)
+        # Shards run side by side, so each has lists of its own, such as failures-3-of-8.csv.
+        part = f"-{options.shard.replace('/', '-of-')}" if options.shard else ""
         self._failures = options.output / f"failures{part}.csv"
         self._alarms = options.output / f"alarms{part}.csv"
         if options.if_exists != IfExists.OVERWRITE:
@@ -450,38 +417,6 @@ class _Batch:
                     f"oppload: {more} more {inputs} remarks such as those above; the sidecars hold "
                     f"all of them (remarks), and -v prints them"
                 )
-        failures = tally.failures
-        if not (failures and is_file(self._failures)):
-            return all(written)
-        listed = f"oppload: the failed inputs are in {self._failures}"
-        refused = all(each.message.endswith(REMEDY) for each in failures)
-        if refused and self._options.if_exists == IfExists.SKIP:
-            say(listed)  # the same command would refuse these results again
-        else:
-            say(f"{listed}; try them again with:")
-            for command in _retry_commands(click.get_current_context(), self._failures):
-                say(f"  {command_line(command)}")
+        if tally.failures and is_file(self._failures):
+            say(f"oppload: the failed inputs are in {self._failures}")
         return all(written)
-
-
-def _retry_commands(context: click.Context, failures: Path) -> Iterator[list[str]]:
-    """Yield the command that runs only the failed inputs again, with the user's options.
-
-    With ``--report``, a second command makes the pages, since the index lists all results.
-    """
-    loads = context.find_root().params.get("load", ())
-    begin = ["oppload", *(word for name in loads for word in ("--load", name))]
-    words = [*begin, str(context.info_name), "--files-from", str(failures)]
-    for option in context.command.params:
-        name = option.name or ""
-        given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-        if not given or name in _NOT_REPEATED or not isinstance(option, click.Option):
-            continue
-        value = context.params[name]
-        flag = max(option.opts, key=len)
-        values = value if option.multiple else [value]
-        words += [flag] if option.is_flag else [word for v in values for word in (flag, str(v))]
-    overwrite = context.params["if_exists"] == "overwrite"
-    yield [*words, "--if-exists", "overwrite" if overwrite else "skip"]
-    if context.params["report_pages"]:
-        yield [*begin, "report", str(failures.parent)]

@@ -22,7 +22,6 @@ from oppload_cli.models.registry import known_names, loaded, needs_loading, plac
 from oppload_cli.results.alarms import in_words, verdicts_in
 from oppload_cli.results.table import (
     DETECTIONS,
-    PAGE,
     SIDECAR,
     TABLE,
     DetectionsFile,
@@ -106,13 +105,6 @@ class Outputs:
         for path in left_over:
             with suppress(OSError):  # something else may have this name
                 path.unlink()
-
-    def outdated(self, since: float) -> Iterator[Path]:
-        """Yield an annotated video and a page that are older than a time, if the table is not."""
-        for path in map(self._beside, (ANNOTATED, PAGE)):
-            with suppress(OSError):  # one of the two files does not exist
-                if path.stat().st_mtime < since <= self.csv.stat().st_mtime:
-                    yield path
 
     def _beside(self, suffix: str) -> Path:
         return self.csv.with_name(f"{self.csv.name.removesuffix(TABLE)}{suffix}")

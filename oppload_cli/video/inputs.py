@@ -358,13 +358,6 @@ def result_stem(name: str, folder: str = "") -> str:
     return _with_hash(stem, name) if fault_of_stem(inside) else inside
 
 
-def other_stems(name: str, stem: str) -> tuple[str, str]:
-    """Return two other stems for an input whose `stem` another input has; the second is unique."""
-    suffix = "" if is_address(name) or is_folder(name) else PurePath(name).suffix
-    folder, _, last = stem.rpartition("/")
-    return stem + suffix, PurePath(folder, _with_hash(last, name)).as_posix()
-
-
 def each_once(stems: Mapping[str, str]) -> list[str]:
     """Return the names of single inputs, each input once; `stems` has their results' stems by name.
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 import sys
 import threading
 from pathlib import Path
@@ -12,7 +11,6 @@ import pytest
 
 from oppload_cli.batch.plan import (
     Failure,
-    Input,
     Tally,
     failed_in,
     parse_shard,
@@ -93,33 +91,12 @@ def test_inputs_whose_results_would_have_one_name_are_refused_but_the_first() ->
         in failure.message
     )
     [failure] = planned(["none/x.mp4", "nowhere/x.mp4"]).failures  # in no folder
-    assert "as those of none/x.mp4; run the list of failures" in failure.message
-
-
-def test_inputs_of_one_name_have_names_of_their_own_in_the_list_of_failures(tree: Path) -> None:
-    """Without the list, a new stem would change if the user names further inputs."""
-    for name in ("b.mkv", "b.avi", "c/b.mp4", "b.mp4.avi", "b/f_1.png", "b/f_2.png"):
-        (tree / name).parent.mkdir(exist_ok=True)
-        (tree / name).touch()
-    plan = planned(["b", "b.mkv", "b.avi", "b.mp4", "c/b.mp4", "b.mp4.avi"])
-    assert [(each.name, each.stem) for each in plan.inputs] == [("b", "b"), ("b.mp4.avi", "b.mp4")]
-    stems = {failure.name: failure.stem for failure in plan.failures}
-    assert list(stems) == ["b.avi", "b.mkv", "b.mp4", "c/b.mp4"]
-    assert (stems["b.avi"], stems["b.mkv"]) == ("b.avi", "b.mkv")
-    assert re.fullmatch("b-[0-9a-f]{8}", stems["b.mp4"])
-    assert re.fullmatch("b-[0-9a-f]{8}", stems["c/b.mp4"])
-    assert len(set(stems.values())) == 4
-    folders = [failure for failure in plan.failures if "--recursive" in failure.message]
-    assert [failure.name for failure in folders] == ["c/b.mp4"]
-    write_failures(tree / "failures.csv", plan.failures)
-    again = planned(read_list(str(tree / "failures.csv")))
-    assert {each.name: each.stem for each in again.inputs} == stems
-    assert not again.failures
+    assert "as those of none/x.mp4; rename it, or run it alone with another --" in failure.message
 
 
 @pytest.mark.usefixtures("tree")
 def test_a_name_that_matches_nothing_fails_and_does_not_hide_the_others() -> None:
-    plan = planned(["*.mkv", "empty", "b.mp4", Input("*.mkv")], recursive=True)
+    plan = planned(["*.mkv", "empty", "b.mp4", "*.mkv"], recursive=True)
     assert [each.name for each in plan.inputs] == ["b.mp4"]
     assert [(failure.name, failure.code) for failure in plan.failures] == [
         ("*.mkv", 3),
@@ -180,26 +157,26 @@ def test_a_shard_that_is_not_valid(text: str) -> None:
 def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "list"
     path.write_bytes(b" a b.mp4 \r\n\n#c.mp4")
-    assert read_list(str(path)) == [(" a b.mp4 ", ""), ("#c.mp4", "")]
+    assert read_list(str(path)) == [" a b.mp4 ", "#c.mp4"]
     path.write_bytes(b"\xff.mp4")
     if sys.platform == "win32":
         with pytest.raises(ParameterError, match="is not text in UTF-8; save it as UTF-8"):
             read_list(str(path))
     else:
-        assert read_list(str(path)) == [("\udcff.mp4", "")]
+        assert read_list(str(path)) == ["\udcff.mp4"]
     path.write_bytes(b"one.mp4")
-    assert read_list(str(path), null=True) == [("one.mp4", "")]
+    assert read_list(str(path), null=True) == ["one.mp4"]
     path.write_bytes(b"line\nend.mp4\0b.mp4\0")
-    assert read_list(str(path), null=True) == [("line\nend.mp4", ""), ("b.mp4", "")]
+    assert read_list(str(path), null=True) == ["line\nend.mp4", "b.mp4"]
     with pytest.raises(ParameterError, match="add -0"):
         read_list(str(path))
     path.write_bytes(b"a.mp4\nb.mp4\n")
     with pytest.raises(ParameterError, match="do not end in NUL; leave out -0"):
         read_list(str(path), null=True)
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"c.mp4\n")))
-    assert read_list("-") == [("c.mp4", "")]
+    assert read_list("-") == ["c.mp4"]
     path.write_bytes("a.mp4\nb.mp4\n".encode("utf-8-sig"))
-    assert read_list(str(path)) == [("a.mp4", ""), ("b.mp4", "")]
+    assert read_list(str(path)) == ["a.mp4", "b.mp4"]
     for order in ("le", "be"):
         path.write_bytes("\ufeffa.mp4\n".encode(f"utf-16-{order}"))
         with pytest.raises(ParameterError, match="is text in UTF-16; save it as UTF-8"):
@@ -211,20 +188,13 @@ def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         read_list(str(tmp_path / "missing"))
 
 
-def test_a_table_of_alarms_is_no_list(tmp_path: Path) -> None:
-    path = tmp_path / "alarms.csv"
-    write_alarms(path, {}, {})
-    with pytest.raises(ParameterError, match="is a table of alarms, not a list; give a failures"):
-        read_list(str(path))
-
-
-def test_a_row_of_failures_without_an_input(tmp_path: Path) -> None:
-    path = tmp_path / "failures.csv"
-    write_failures(path, [Failure("", "a", 3, ""), Failure("b.mp4", "b", 3, "")])
-    failed, kept = read_list(str(path))
-    assert isinstance(failed, Failure)
-    assert failed.message.endswith("failures.csv: row 2: it names no input; correct the row")
-    assert kept == ("b.mp4", "b")
+def test_a_table_of_a_batch_is_no_list(tmp_path: Path) -> None:
+    alarms, failures = tmp_path / "alarms.csv", tmp_path / "failures.csv"
+    write_alarms(alarms, {}, {})
+    write_failures(failures, [Failure("a.mp4", "a", 3, "no")])
+    for path in (alarms, failures):
+        with pytest.raises(ParameterError, match="is a table of a batch, not a list; give a file"):
+            read_list(str(path))
 
 
 def test_a_list_that_does_not_come_answers_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,17 +216,14 @@ def test_a_list_that_does_not_come_answers_an_interruption(monkeypatch: pytest.M
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="each name is text there")
-def test_failures_are_read_back_with_their_stems(tmp_path: Path) -> None:
+def test_failures_are_listed_in_rows(tmp_path: Path) -> None:
     path = tmp_path / "failures.csv"
     hostile = Failure('n\ne"w,\udcff.mp4', "new-12345678", 3, "is no video\n; check")
     other = Failure("o\rld.mp4\r", "old-12345678", 3, "is no video")
     none = [Failure(name, "", 3, "matches no file") for name in ("*.avi", "*.mkv")]
     write_failures(path, [other, hostile, *none])
-    listed = read_list(str(path))
-    found = [(hostile.name, hostile.stem), (other.name, other.stem)]
-    assert listed == [("*.avi", ""), ("*.mkv", ""), *found]
+    assert [stem for stem, _ in failed_in(tmp_path)] == ["", "", hostile.stem, other.stem]
     assert dict(failed_in(tmp_path))[hostile.stem] == "is no video\\n; check"
-    assert [each.stem for each in planned(listed).inputs] == [hostile.stem, other.stem]
     assert path.read_bytes().startswith(b"input,stem,exit_code,error\n*.avi,,3,matches no file\n")
     write_failures(path, [])
     assert not path.exists()
@@ -367,10 +334,3 @@ def test_ten_thousand_inputs(tmp_path: Path) -> None:
     plan = planned([str(tmp_path)], recursive=True)
     assert len(plan.inputs) == len({each.stem for each in plan.inputs}) == 10_000
     assert plan.inputs[0].stem == "000/00-0"
-
-
-def test_a_listed_entry_is_one_input() -> None:
-    entry = Input("x.mp4", "x-1")
-    other, last = Input("x.mp4"), Input("y.mp4")
-    for named in ([entry, other, last], [other, entry, last]):
-        assert [each.stem for each in planned(named).inputs] == ["x-1", "y"]

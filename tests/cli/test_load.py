@@ -15,7 +15,6 @@ import pytest
 from oppload_cli.errors import ParameterError
 from oppload_cli.models import LOAD, registry
 from tests.cli import inside
-from tests.cli.inside import words_of
 from tests.cli.process import ENTRY, oppload, python
 from tests.media import grey_frames, write_video
 
@@ -79,8 +78,6 @@ def test_a_loaded_detector_runs_also_in_other_processes(own: Path, tmp_path: Pat
         sidecar = json.loads((tmp_path / "out" / f"{stem}.oppload.json").read_text())
         checksum = hashlib.sha256(own.read_bytes()).hexdigest()
         assert sidecar["loaded"] == [{"name": str(own), "sha256": checksum}]
-    again = words_of(done.stderr.strip().splitlines()[-1])
-    assert again[:4] == ["oppload", "--load", "own.py", "run"]
     result = tmp_path / "out" / "a.frames.csv"
     refused = inside.oppload("plot", result)
     assert refused.returncode == 2

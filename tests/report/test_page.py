@@ -27,7 +27,7 @@ from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
 from oppload_cli.video.source import source_of
 from oppload_cli.video.writers import Recording
-from tests.cli.inside import oppload, words_of
+from tests.cli.inside import oppload
 from tests.report.make import (
     ALARMS,
     BOX,
@@ -526,8 +526,7 @@ def test_a_retry_makes_an_index_of_all_results(tmp_path: Path) -> None:
     done = oppload("run", clip, late, "-o", out, *more)
     assert done.returncode == 4
     shutil.copy(clip, late)
-    commands = [words_of(line) for line in done.stderr.splitlines() if line[:9] == "  oppload"]
-    assert [oppload(*words[1:], "-j", "1").returncode for words in commands] == [0, 0]
+    assert oppload("run", clip, late, "-o", out, *more, "--if-exists", "skip").returncode == 0
     assert (out / "index.html").read_text().count("<tr data-title") == 2
 
 

@@ -1,15 +1,13 @@
-"""Names from data, such as the stems of a list: plain file names, or refused with their row."""
+"""Names of results are plain names of files, whatever the names of the inputs."""
 
 from __future__ import annotations
 
-import csv
 import json
 import sys
 from typing import TYPE_CHECKING
 
 import pytest
 
-from oppload_cli.batch.plan import FAILURE_COLUMNS, Failure, Input, read_list
 from oppload_cli.errors import printable
 from oppload_cli.files.reading import fault_of_stem
 from oppload_cli.video.inputs import result_stem
@@ -17,7 +15,6 @@ from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
 QUICK = ("--height", "24", "--no-rmo", "-q")
@@ -42,14 +39,6 @@ if sys.platform != "win32":
     GOOD += [":b.c", "10:20:30"]
 
 
-def listed(path: Path, rows: Sequence[tuple[object, str]]) -> Path:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(FAILURE_COLUMNS)
-        writer.writerows((name, stem, 3, "x") for name, stem in rows)
-    return path
-
-
 @pytest.fixture
 def clip(tmp_path: Path) -> Path:
     return write_video(tmp_path / "base.avi", grey_frames(8), codec="ffv1")
@@ -60,24 +49,6 @@ def test_plain_names() -> None:
     assert [fault_of_stem(name) for name in GOOD] == [""] * len(GOOD)
 
 
-@pytest.mark.parametrize("stem", BAD)
-def test_a_list_writes_nothing_outside_the_output_folder(
-    stem: str, clip: Path, tmp_path: Path
-) -> None:
-    bad = listed(tmp_path / "a.csv", [(clip, stem), (tmp_path / "other.avi", "")])
-    (tmp_path / "other.avi").write_bytes(clip.read_bytes())
-    done = oppload("run", "--files-from", bad, "-o", tmp_path / "out", *QUICK)
-    assert done.returncode == 4, done.stderr  # the other row is done
-    assert "a.csv: row 2: the stem '" in done.stderr
-    assert f" is no plain name, as it {BAD[stem]}" in done.stderr
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        *("other.frames.csv", "other.detections.jsonl", "other.oppload.json"),
-        *("failures.csv", "alarms.csv"),
-    }
-    names = sorted(path.name for path in tmp_path.iterdir())
-    assert names == ["a.csv", "base.avi", "other.avi", "out"]
-
-
 def test_names_are_shown_as_they_are_unless_they_would_act_on_a_terminal() -> None:
     plain = "at 10.00\u202fPM, \u3000, \u0645\u06cc\u200c\u062e, \U0001f468\u200d\U0001f469.mov"
     assert printable(plain) == plain
@@ -85,18 +56,7 @@ def test_names_are_shown_as_they_are_unless_they_would_act_on_a_terminal() -> No
     assert printable(acting) == r"\n\x1b\u2028\u202e\udcff"
 
 
-def test_two_inputs_never_share_a_stem(tmp_path: Path) -> None:
-    path = listed(tmp_path / "a.csv", [("a.avi", "x"), ("b.avi", "X"), ("a.avi", "x")])
-    first, second, third = read_list(str(path))
-    assert first == third == ("a.avi", "x")
-    assert isinstance(second, Failure)
-    assert "row 3: the stem 'X' is already the stem of a.avi" in second.message
-    # macOS takes both spellings for one name.
-    path = listed(tmp_path / "b.csv", [("a.avi", "\xe9"), ("b.avi", "e\u0301")])
-    assert [type(each) for each in read_list(str(path))] == [Input, Failure]
-
-
-def test_the_stem_of_any_input_may_be_in_a_list() -> None:
+def test_the_stem_of_any_input_is_a_plain_name() -> None:
     inputs = ["new\nline.avi", "C:x.avi", "con.avi", "nul.a.avi", "...avi", "http://?", "a\\b.avi"]
     stems = [result_stem(name) for name in inputs]
     assert [fault_of_stem(stem) for stem in stems] == [""] * len(inputs)
@@ -107,13 +67,6 @@ def test_the_stem_of_any_input_may_be_in_a_list() -> None:
     assert result_stem("a.avi", "con").startswith("a-")
 
 
-def test_a_list_with_a_field_beyond_all_bounds(tmp_path: Path) -> None:
-    path = listed(tmp_path / "a.csv", [("a.avi", "x" * 140_000)])
-    done = oppload("run", "--files-from", path, "-o", tmp_path / "out")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "a.csv: is not valid CSV (field larger than field limit" in done.stderr
-
-
 @pytest.mark.long
 @pytest.mark.skipif(
     sys.platform == "win32", reason="Windows says otherwise that a name is too long"
@@ -122,11 +75,12 @@ def test_a_list_with_a_field_beyond_all_bounds(tmp_path: Path) -> None:
 def test_a_name_that_is_too_long(clip: Path, tmp_path: Path) -> None:
     """The name comes from the command line, a list or a sidecar."""
     long = "n" * 300
-    path = listed(tmp_path / "a.csv", [(long, "x"), (clip, "y")])
+    path = tmp_path / "list"
+    path.write_text(f"{long}\n{clip}\n")
     done = oppload("run", "--files-from", path, "-o", tmp_path / "out", *QUICK, "-j", "1")
     assert (done.returncode, "bug" in done.stderr) == (4, False), done.stderr
     assert f"{long}: cannot be read (file name too long)" in done.stderr
-    sidecar, table = (tmp_path / "out" / f"y.{each}" for each in ("oppload.json", "frames.csv"))
+    sidecar, table = (tmp_path / "out" / f"base.{each}" for each in ("oppload.json", "frames.csv"))
     facts = json.loads(sidecar.read_text())
     facts["input"]["name"] = f"{long}.avi"
     facts["stimulus"] = {"path": long}
