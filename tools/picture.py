@@ -29,7 +29,6 @@ _ROOMS: dict[str, tuple[int, str]] = {
     "tuning": (4, "tuning curves"),
     "plots": (3, "figures"),
     "report": (1, "pages of results"),
-    "benchmark": (2, "all detectors compared"),
     "pipeline": (1, "one input, to its files"),
     "annotation": (0, "annotated videos"),
     "stimulus": (3, "protocols, frames, truth"),

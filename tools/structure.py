@@ -31,7 +31,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
     "commands": (PACKAGE, "__main__", "cli", "api"),
     "work": (
         *("batch", "evaluation", "reproduction", "tuning", "pipeline", "annotation", "plots"),
-        *("report", "benchmark"),
+        "report",
     ),
     "answers": ("stimulus", "detection", "results"),
     "science": ("models", "motion", "video"),

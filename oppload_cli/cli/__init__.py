@@ -47,22 +47,23 @@ if TYPE_CHECKING:
 # Memory that loading the libraries of a command takes at least.
 _LIBRARY_BYTES = 150 << 20
 _ARROW_BYTES = 800 << 20  # for commands that load pandas, which loads Arrow if it is installed
-_WITH_PANDAS = {"collect", "plot", "report", "tune", "evaluate", "benchmark", "reproduce", "demo"}
+_WITH_PANDAS = {"collect", "plot", "report", "tune", "evaluate", "reproduce", "demo"}
 COMMANDS = {
     "run": "run looming detectors on videos",
     "collect": "join many results into one table",
     "plot": "plot results",
     "report": "make a page per result: video, curves and alarms in sync",
     "tune": "measure responses to a stimulus over directions, speeds, sizes",
-    "evaluate": "measure detection, lead time and false alarms on labelled clips",
-    "benchmark": "compare all detectors on one set of stimuli",
+    "evaluate": "measure detection, lead time and false alarms on labelled clips or stimuli",
     "reproduce": "reproduce the synthetic figures of the OppLoD paper",
     "demo": "show the detectors at work on a looming disk",
     "stimuli": "list, show and make looming stimuli",
-    "models": "list the models, their parameters and presets",
+    "models": "list the models and their parameters",
     "config": "print every setting of a run with its origin",
     "info": "print versions, for a bug report",
 }
+
+_GONE = {"benchmark": "; write 'oppload evaluate --battery'"}
 
 
 class _ReaderGoneError(Exception):
@@ -111,7 +112,7 @@ class _LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, suggesting the nearest one for a misspelt name."""
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
-            hint = suggestion(args[0], COMMANDS)
+            hint = _GONE.get(args[0]) or suggestion(args[0], COMMANDS)
             if is_file(args[0]):
                 hint = f"; did you mean 'oppload run {args[0]}'?"
             raise click.UsageError(f"no command '{args[0]}'{hint}", ctx)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -17,9 +20,14 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
 @click.argument(
     "inputs",
     nargs=-1,
-    required=True,
     metavar="MANIFEST.csv|STIMULUS...|VIDEO...",
     shell_complete=options.complete_stimuli,
+)
+@click.option(
+    "--battery",
+    is_flag=True,
+    help="Show the detectors a fixed set of approaches and other motions: how selective they are, "
+    "and what they cost. Without MANIFEST, STIMULUS or VIDEO, these are also the clips.",
 )
 @options.models(
     metavar="NAME[:PRESET]",
@@ -69,6 +77,7 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
 @click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
 def evaluate(
     inputs: tuple[str, ...],
+    battery: bool,
     models: tuple[str, ...],
     assignments: tuple[str, ...],
     config: Path | None,
@@ -90,30 +99,45 @@ def evaluate(
     or videos and folders of images with their ground truth beside them.
 
     OppLoD is compared with D-LGMD, the divergence of optical flow and the mean change of
-    luminance. DIR gets evaluation.html, one page with everything, report.json, the
-    measurements, responses and windows as CSV, and the plots.
+    luminance; '--model all' takes all detectors. DIR gets evaluation.html, one page with
+    everything, report.json, the measurements, responses and windows as CSV, and the plots.
     """
     from oppload_cli.evaluation import detectors, evaluate
+    from oppload_cli.evaluation.battery import battery_stimuli
     from oppload_cli.evaluation.inputs import clips_of
-    from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
+    from oppload_cli.evaluation.output import (
+        BATTERY_FILES,
+        FILES,
+        printed_table,
+        write_evaluation,
+    )
 
     chosen = detectors.evaluated_detectors(
         options.listed_names(models), repeats, assignments, config=config, height=height
     )
-    clips = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
-    refuse_existing((output / name for name in FILES), if_exists)
+    labelled = []
+    if inputs or not battery or boxes or backgrounds or changes:
+        labelled.append(clips_of(inputs, boxes, [*map(str, backgrounds)], changes))
+    if battery:
+        labelled.append(battery_stimuli())
+    refuse_existing((output / name for name in (*FILES, *BATTERY_FILES)), if_exists)
     started = time.perf_counter()
     with claimed(output / "report.json", if_exists) as claim:
-        for fault in (*clips.notes, *clips.faults):
+        for fault in chain.from_iterable((*clips.notes, *clips.faults) for clips in labelled):
             say(f"oppload: {fault}")
-        with progress_bar(len(clips.entries), "clip", quiet=quiet) as bar:
-            result = evaluate.evaluate(clips, chosen, jobs=jobs, draws=draws, progress=bar.update)
-        for fault in result.faults[len(clips.faults) :]:
-            say(f"oppload: {fault}")
+        total = sum(len(clips.entries) for clips in labelled)
+        with progress_bar(total, "clip", quiet=quiet) as bar:
+            how: Any = {"jobs": jobs, "draws": draws, "progress": bar.update}
+            results = [evaluate.evaluate(clips, chosen, **how) for clips in labelled]
+        for clips, found in zip(labelled, results, strict=True):
+            for fault in found.faults[len(clips.faults) :]:
+                say(f"oppload: {fault}")
+        faults = [fault for found in results for fault in found.faults]
+        result = replace(results[0], faults=faults, battery=results[-1] if battery else None)
         made = write_evaluation(result, output, claim, lambda: time.perf_counter() - started)
         written = [str(path) for path in made]  # `made` writes each file when it yields its path
     click.echo("\n".join(written))
     if not quiet:
         for line in printed_table(result):
             say(line)
-    return ExitCode.INCOMPLETE if result.faults else ExitCode.DONE
+    return ExitCode.INCOMPLETE if faults else ExitCode.DONE

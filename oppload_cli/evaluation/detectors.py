@@ -107,15 +107,6 @@ def evaluated_detectors(
     return evaluated
 
 
-def chosen_detectors(names: Iterable[str]) -> list[EvaluatedDetector]:
-    """Return the named detectors without the baselines; all detectors if none is named.
-
-    The names and the error are those of `evaluated_detectors`; ``all`` gives each detector that
-    presets change twice, under ``default`` and under ``reference``.
-    """
-    return [_evaluated(name) for name in _full_names(list(names) or [ALL])]
-
-
 def _by_presets() -> tuple[list[str], list[str]]:
     """Return the names of the detectors that presets change, and of the other detectors."""
     known = detectors()

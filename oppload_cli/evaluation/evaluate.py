@@ -48,6 +48,7 @@ class Evaluation:
     measurements: list[Measurement]  # of all detectors, then of ``frame_centre``
     faults: list[str]  # a sentence for each fault of the manifest and its clips
     draws: int  # of the bootstrap
+    battery: Evaluation | None = None  # of the same detectors on the stimuli of the battery
 
 
 def evaluate(

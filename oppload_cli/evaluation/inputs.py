@@ -61,6 +61,12 @@ def clips_of(
     ManifestError, StimulusError
         If an input cannot be read.
     """
+    if not inputs:
+        raise ParameterError(
+            "--boxes, --background and --change go with a manifest, stimuli or videos; name some"
+            if boxes or backgrounds or changes
+            else "name a manifest, stimuli or videos to evaluate, or give --battery"
+        )
     manifest = _manifest_in(inputs)
     if manifest is not None:
         if backgrounds or changes:
@@ -74,7 +80,7 @@ def clips_of(
     inputs = without_truths(inputs)
     names = [name for name in inputs if not _is_clip(name)]
     videos = {os.path.realpath(name): Path(name) for name in inputs if _is_clip(name)}  # each once
-    return _labelled(_protocols_of(names, settings, backgrounds), list(videos.values()))
+    return labelled(_protocols_of(names, settings, backgrounds), list(videos.values()))
 
 
 def _is_clip(name: str) -> bool:
@@ -142,7 +148,7 @@ def _takes_footage(table: Table) -> bool:
     return "background" in scene and "cut_s" not in scene and not moved
 
 
-def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
+def labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
     """Return stimuli, and videos of stimuli, with labels from their ground truth.
 
     The ground truth of a video lies beside the video. A stimulus that cannot be drawn, or a video

@@ -8,6 +8,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.environment import environment
+from oppload_cli.evaluation.battery import BATTERY_COLUMNS, BatteryResponses, known
 from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, HELD_OUT, RATES, SHIPPED, SILENCE_S
 from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S, Clip, Window, videos_of
@@ -20,7 +21,7 @@ from oppload_cli.evaluation.metrics.intervals import (
 )
 from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
 from oppload_cli.evaluation.page import NO_VALUE, number, page_of
-from oppload_cli.evaluation.plots import PLOTS, figure_of
+from oppload_cli.evaluation.plots import PLOTS, battery_figure, figure_of
 from oppload_cli.files.atomic import PartFile, output_errors, remove, write_atomic
 from oppload_cli.files.tables import Cell, open_csv, plain_text
 from oppload_cli.models.detector import Box
@@ -48,6 +49,7 @@ _COLUMNS = {
     ),
 }
 FILES = (*_COLUMNS, *PLOTS, "report.json", "evaluation.html")
+BATTERY_FILES = ("battery.csv", "battery.png")
 
 
 def write_evaluation(
@@ -71,24 +73,30 @@ def write_evaluation(
         If a file cannot be written.
     """
     report = report_of(evaluation)
-    plots = {
-        name: image_bytes(figure_of(name, evaluation.performances), "png", _DPI) for name in PLOTS
-    }
+    figures = {name: figure_of(name, evaluation.performances) for name in PLOTS}
+    rows = map(_row, evaluation.measurements), _responses(evaluation), _windows(evaluation)
+    tables = [(*named, of_table) for named, of_table in zip(_COLUMNS.items(), rows, strict=True)]
+    if evaluation.battery:
+        responses = BatteryResponses(evaluation.battery)
+        tables.append(("battery.csv", BATTERY_COLUMNS, responses.rows()))
+        figures["battery.png"] = battery_figure(responses)
+    plots = {name: image_bytes(figure, "png", _DPI) for name, figure in figures.items()}
     page = page_of(evaluation, report, plots)
     # All old files go first: a run that fails must not leave old files beside new ones.
-    for name in FILES:
+    for name in (*FILES, *BATTERY_FILES):
         with output_errors(folder / name):
             remove(folder / name)
-    rows = map(_row, evaluation.measurements), _responses(evaluation), _windows(evaluation)
-    for (name, columns), of_table in zip(_COLUMNS.items(), rows, strict=True):
-        with open_csv(folder / name, columns, cell=_cell) as table:
+    for name, columns, of_table in tables:
+        with open_csv(folder / name, columns, cell=_cell) as file:
             for row in of_table:
-                table.write(row)
+                file.write(row)
         yield folder / name
     for name, png in plots.items():
         write_atomic(folder / name, png)
         yield folder / name
     frames, seconds = report["manifest"]["frames"], wall_s()
+    if evaluation.battery and evaluation.battery.clips is not evaluation.clips:
+        frames += sum(map(len, evaluation.battery.clips))
     timing = {"wall_s": round(seconds, 1), "frames_per_s": round(frames / seconds, 1)}
     # NaN and infinity become null.
     content = _finite({**report, "timing": timing})
@@ -135,6 +143,8 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
     )
     yield from _by_kind(evaluation, measured)
     yield from _by_footage(evaluation, measured)
+    if evaluation.battery:
+        yield from _of_battery(evaluation.battery)
     if any(
         one.value == 0 and (one.measure, one.condition) == ("false_alarms_per_minute", SHIPPED)
         for one in evaluation.measurements
@@ -189,6 +199,26 @@ def _by_kind(
             for name, label in labels.items()
         ]
         yield "  ".join([f"{kind:<{width}}", *cells])
+
+
+def _of_battery(battery: Evaluation) -> Iterator[str]:
+    """Yield lines for the battery: how selective each detector is, and its cost."""
+    responses = BatteryResponses(battery)
+    title = "battery of stimuli, alarm as shipped"
+    wide = max(map(len, [title, *map(full_label, responses.names)]))
+    yield f"{title:<{wide}}  approaches  controls  AUC    ms/frame  largest control / looming disk"
+    for name in responses.names:
+        found = responses.summary(name)
+        largest = f"{number(found.largest_control_over_loom)} ({found.largest_control})"
+        yield (
+            f"{full_label(name):<{wide}}  {_of(found.approaches_detected, found.approaches):<12}"
+            f"{_of(found.controls_alarmed, found.controls):<10}{number(found.auc):<7}"
+            f"{number(found.cost_ms):<10}{largest}"
+        )
+
+
+def _of(count: int | None, total: int) -> str:
+    return NO_VALUE if count is None else f"{count} of {total}"
 
 
 def _quiet_minutes(evaluation: Evaluation) -> float:
@@ -260,6 +290,7 @@ def _cell(value: Cell) -> str:
 def report_of(evaluation: Evaluation) -> dict[str, Any]:
     """Return the content of ``report.json`` without ``timing``."""
     clips = evaluation.clips
+    battery = BatteryResponses(evaluation.battery) if evaluation.battery else None
     return {
         "schema": _SCHEMA,
         "tool": environment(),
@@ -288,6 +319,7 @@ def report_of(evaluation: Evaluation) -> dict[str, Any]:
         "figures": [_row(each) for each in evaluation.measurements],
         "splits": list(_splits(evaluation)),
         "clips": list(_clips(evaluation)),
+        "battery": battery and {name: battery.summary(name)._asdict() for name in battery.names},
     }
 
 
@@ -296,9 +328,9 @@ def _clips(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
         outcomes = {
             name: {
                 each.condition: {
-                    "detected": _integer(each.outcomes.detected[index], bool),
+                    "detected": known(each.outcomes.detected[index], bool),
                     "lead_s": float(each.outcomes.lead_s[index]),
-                    "false_alarms": _integer(each.outcomes.false_alarms[index], int),
+                    "false_alarms": known(each.outcomes.false_alarms[index], int),
                 }
                 for each in performance.decisions.values()
             }
@@ -334,10 +366,6 @@ def _splits(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
         for one, other in combinations(detected, 2):
             split = split_of(detected[one], detected[other], videos)
             yield {"condition": condition, "contenders": [one, other], **split._asdict()}
-
-
-def _integer(value: float, kind: type[int]) -> int | None:
-    return None if math.isnan(value) else kind(value)
 
 
 def _finite(value: Any) -> Any:

@@ -79,6 +79,8 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         "evaluation.html",
         report=report,
         plots=[(embedded(plots[name]), caption) for name, (caption, _) in PLOTS.items()],
+        battery=sorted((report["battery"] or {}).items(), key=_auc),
+        selectivity=embedded(plots["battery.png"]) if report["battery"] else None,
         stills=list(_stills(evaluation)),
         stimuli=evaluation.manifest.path == STIMULI,
         headline=_HEADLINE,
@@ -97,6 +99,11 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         nothing=NO_VALUE,
         strip_size=(_WIDTH, _HEIGHT),
     )
+
+
+def _auc(found: tuple[str, Mapping[str, Any]]) -> float:
+    """Return a key that sorts the detectors of the battery: the most selective one comes first."""
+    return -float(np.nan_to_num(found[1]["auc"], nan=-1.0))
 
 
 def number(value: float | None) -> str:

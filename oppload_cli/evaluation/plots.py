@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.colors import LogNorm
 from matplotlib.transforms import blended_transform_factory
 
 from oppload_cli.errors import counted
+from oppload_cli.evaluation.battery import TABLES
 from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, RATES
 from oppload_cli.evaluation.metrics.clips import AHEAD
+from oppload_cli.evaluation.metrics.measures import KIND
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.registry import detectors
-from oppload_cli.plots.style import DASHES, FAINT, INK, plain, styled_figure, width_em, wrapped
+from oppload_cli.plots.style import (
+    DASHES,
+    FAINT,
+    INK,
+    SHADES,
+    plain,
+    styled_figure,
+    width_em,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
-    from oppload_cli.evaluation.metrics.clips import Numbers
+    from oppload_cli.evaluation.battery import BatteryResponses
+    from oppload_cli.evaluation.metrics.clips import Flags, Numbers
     from oppload_cli.evaluation.metrics.intervals import Measurement
     from oppload_cli.evaluation.metrics.measures import Performance
 
@@ -39,6 +54,11 @@ _AXIS_END = 1.6  # the axis of false alarms ends at this multiple of the highest
 _POINT_STEP = 0.09  # distance of two points with equal lead times, in rows
 _MOST_OFFSET = 0.42  # of the points of a detector above and below its row
 _LABEL = 26  # characters in a line of a label: three columns of them fit below a plot
+# Of the matrix of selectivity, in inches: a shade, the labels of the rows on one side, the names of
+# the detectors above, and the colour bar.
+_SHADE, _LABELS, _NAMES, _BAR = 0.17, 1.5, 1.1, 0.9
+_LEFT = (KIND, "polarity", "contrast")  # its tables on the left
+_LEAST, _MOST = 1e-3, 10.0  # widest range of its shades, in responses to the looming disk
 _SHARES: dict[str, Any] = {"xlim": (-0.01, 1.01), "ylim": (0, 1.02)}  # limits for two shares
 
 
@@ -273,3 +293,77 @@ def figure_of(plot: str, performances: Performances) -> Figure:
         _, draw = PLOTS[plot]
         draw(figure.subplots(), performances)
     return figure
+
+
+def battery_figure(responses: BatteryResponses) -> Figure:
+    """Return the matrix of selectivity: detectors over the columns of the battery.
+
+    The shades are responses divided by that to the looming disk; the dots are alarms.
+    """
+    sides = [_matrix_rows(responses, tables) for tables in (_LEFT, [*TABLES][len(_LEFT) :])]
+    height = max(map(len, sides))
+    least, most = _limits(np.concatenate([*responses.over_loom.values()]))
+    norm = LogNorm(least, most)
+    width = 2 * (_LABELS + _SHADE * len(responses.names)) + _BAR
+    with styled_figure(width, _NAMES + _SHADE * height) as figure:
+        panels = figure.subplots(1, 2)
+        for axes, rows in zip(panels, sides, strict=True):
+            image = _matrix(axes, responses, rows, norm)
+            axes.set_ylim(height - 0.5, -0.5)  # the rows of both sides are equally high
+        bar = figure.colorbar(image, ax=panels, pad=0.02, extend="both", aspect=40)
+        steps = (1,) if most > 100 * least else (1, 2, 5)
+        ticks = [step * 10.0**decade for decade in range(-3, 2) for step in steps]
+        ticks = [tick for tick in ticks if 0.999 * least <= tick <= 1.001 * most]
+        bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        bar.ax.minorticks_off()
+        bar.set_label("largest response / that to the looming disk")
+    return figure
+
+
+def _matrix_rows(
+    responses: BatteryResponses, tables: Sequence[str]
+) -> list[tuple[str, Flags | None]]:
+    """Return the label of each row with its clips; None for a row with the title of a table."""
+    rows: list[tuple[str, Flags | None]] = []
+    for table in tables:
+        rows += [(TABLES[table], None), *responses.columns(table).items()]
+    return rows
+
+
+def _matrix(
+    axes: Axes, responses: BatteryResponses, rows: Sequence[tuple[str, Flags | None]], norm: LogNorm
+) -> AxesImage:
+    """Draw rows of shades with dots for alarms: a full dot if every clip has one, else a half."""
+    names = responses.names
+    shades = np.full((len(rows), len(names)), np.nan)
+    for (y, (_, clips)), (x, name) in product(enumerate(rows), enumerate(names)):
+        if clips is None:
+            continue
+        largest = np.nan_to_num(responses.over_loom[name][clips].max(), posinf=np.inf)
+        shades[y, x] = np.clip(largest, norm.vmin, norm.vmax)
+        alarmed = responses.alarmed[name][clips]
+        if np.nansum(alarmed):
+            colour = INK if norm(shades[y, x]) > 0.5 else "white"
+            fill = "full" if alarmed.all() else "left"
+            axes.plot(x, y, "o", ms=4, mew=0.5, color=colour, fillstyle=fill)
+    image = axes.imshow(shades, norm=norm, cmap=SHADES, aspect="auto")
+    labels = [plain(full_label(name)) for name in names]
+    axes.set_xticks(range(len(names)), labels, rotation=60, ha="left", rotation_mode="anchor")
+    axes.xaxis.tick_top()
+    axes.set_yticks(range(len(rows)), [label for label, _ in rows])
+    for tick, (_, clips) in zip(axes.get_yticklabels(), rows, strict=True):
+        tick.set_fontweight("bold" if clips is None else "normal")
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+    return image
+
+
+def _limits(values: Numbers) -> tuple[float, float]:
+    """Return the ends of the shades: the least and largest response, within `_LEAST` and `_MOST`.
+
+    Their ratio is at least 2, so that nearly equal responses have similar shades.
+    """
+    known = values[np.isfinite(values) & (values > 0)]
+    most = float(np.clip(known.max(initial=0), 2 * _LEAST, _MOST))
+    least = float(np.clip(known.min(initial=most), _LEAST, most / 2))
+    return least, most

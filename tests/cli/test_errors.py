@@ -109,7 +109,6 @@ WRONG = [
     (["run", "CLIP", "-o", "-", "--dry-run"], 2, "leave out --recursive, --files-from, --shard,"),
     (["models", "--measure", "--json"], 2, "--measure prints no JSON; leave out --json"),
     (["reproduce", "--only", "up-down,diagnals"], 2, "no figure 'diagnals'; did you mean"),
-    (["benchmark", "--only", " nonsense"], 2, "no table 'nonsense'; choose from"),
     (["evaluate", "a.csv", "--model", "opplod, dlgdm"], 2, "no model 'dlgdm';"),
     (["run", "CLIP", "--null"], 2, "--null has no effect without --files-from"),
     (["--preset", "paper", "run", "CLIP"], 2, "no option '--preset' before the command; write"),

@@ -77,7 +77,10 @@ def test_a_rate_that_is_not_determined_is_a_dash() -> None:
         Measurement("dlgmd", "false_alarms_per_minute", "at 1 per minute", nan, nan, nan, 0),
     ]
     told: Any = SimpleNamespace(
-        measurements=measurements, clips=(), detectors=[SimpleNamespace(name="dlgmd")]
+        measurements=measurements,
+        clips=(),
+        detectors=[SimpleNamespace(name="dlgmd")],
+        battery=None,
     )
     _, _, shipped, _, chosen, *_ = printed_table(told)
     assert shipped.split() == ["D-LGMD", "2", "of", "4", "(0.1", "to", "0.9)", NO_VALUE, NO_VALUE]

@@ -9,7 +9,7 @@ import pytest
 
 from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.errors import ManifestError, ParameterError
-from oppload_cli.evaluation.detectors import chosen_detectors, evaluated_detectors
+from oppload_cli.evaluation.detectors import evaluated_detectors
 from oppload_cli.evaluation.inputs import clips_of
 from oppload_cli.evaluation.manifest import read_manifest, with_boxes
 from oppload_cli.models.frame_difference import FrameDifference
@@ -274,7 +274,7 @@ def test_a_file_of_settings_holds_for_all_evaluated_detectors(tmp_path: Path) ->
 
 def test_a_detector_with_other_floors_under_other_presets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(FrameDifference, "alarm_floors", {"default": 0.05, "reference": 0.01})
-    found = chosen_detectors(["frame_difference:reference", "frame_difference"])
+    found = evaluated_detectors(["frame_difference:reference", "frame_difference"])[:2]
     floors = [each.as_dict()["alarm"]["frame_difference_floor"] for each in found]
     assert floors == [0.01, 0.05]
     assert [each.name.partition(":")[2] for each in found] == ["reference", "default"]
@@ -289,7 +289,7 @@ def test_detectors_and_the_baselines_beside_them() -> None:
     assert usual[0] == "opplod:default"
     assert usual[-3:] == baselines
     usual, one = (
-        [each.name for each in chosen_detectors([name])] for name in ("all", "all:reference")
+        [each.name for each in evaluated_detectors([name])] for name in ("all", "all:reference")
     )
     assert (usual[:2], one[0]) == (["opplod:default", "opplod:reference"], "opplod:reference")
     assert usual[2:] == one[1:]

@@ -1,1 +1,0 @@
-"""Every detector on one battery of stimuli: selectivity, invariance and cost."""
