@@ -451,6 +451,7 @@ class _Run:
             "parameters": {name: params.as_dict() for name, params in groups.items()},
             "input": facts.as_dict(),
             "span": asdict(task.span),
+            "settings_sha256": task.settings_sha256(),
             "working": {
                 "width": working.width,
                 "height": working.height,

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import filecmp
+import hashlib
 import json
-import math
 import os
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
-from fractions import Fraction
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import BusyError, OutputError, without_login
 from oppload_cli.files.atomic import PartFile, output_errors, part_of
-from oppload_cli.files.reading import is_file, reading
+from oppload_cli.files.reading import reading
 from oppload_cli.files.tables import Table
-from oppload_cli.models.presets import NATIVE
 from oppload_cli.models.registry import known_names, loaded, needs_loading, placing_detector
 from oppload_cli.results.alarms import in_words, verdicts_in
 from oppload_cli.results.table import (
@@ -29,13 +26,12 @@ from oppload_cli.results.table import (
     read_sidecar,
     write_sidecar,
 )
-from oppload_cli.video.frames import USUAL_RATE, WorkingSize
-from oppload_cli.video.inputs import ANNOTATED, bytes_of, rate_beside
-from oppload_cli.video.optics import FOV, Optics
+from oppload_cli.video.inputs import ANNOTATED, bytes_of, is_camera_or_stream
 from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
+    from fractions import Fraction
 
     from oppload_cli.annotation.video import AnnotatedVideo
     from oppload_cli.pipeline.settings import Settings
@@ -165,6 +161,34 @@ class Task:
     boxes: str = "alarm"  # objects whose boxes the annotated video shows: alarm, all or none
     stem: str = ""  # the beginning of the names of the result files
 
+    def settings_sha256(self) -> str:
+        """Return a checksum of all that decides about the result, by which a run knows it again.
+
+        Of the input, only the size in bytes and the name without its folder count: a long video is
+        not read for it, and may be moved.
+        """
+        settings, name = self.settings, without_login(self.name)
+        # `origins` only tells where the settings come from.
+        top = {each.name: getattr(settings, each.name) for each in fields(settings)}
+        del top["groups"], top["origins"]
+        idle = set(known_names()) - set(settings.models)
+        own = any(map(needs_loading, settings.models))
+        content = {
+            "settings": top,
+            "groups": {
+                group: values.as_dict()
+                for group, values in settings.groups.items()
+                if group not in idle
+            },
+            "span": asdict(self.span),
+            "rates": [self.image_rate, self.true_rate],
+            "loaded": sorted(file["sha256"] for file in loaded()) if own else [],
+            "input": name if is_camera_or_stream(name) else PurePath(name).name,
+            "bytes": bytes_of(self.name),
+        }
+        text = json.dumps(content, sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -203,19 +227,21 @@ def exists_already(task: Task) -> Outcome | None:
     """Return the outcome of an existing result that the task keeps; None if it keeps none.
 
     Raises OutputError if a result exists and the task neither keeps nor overwrites it, or if the
-    task keeps it, but the result belongs to another input or has other settings.
+    task keeps it, but the result belongs to another input or has other settings: all results in a
+    folder must have the same settings.
     """
     if task.outputs is None or not task.outputs.kept(task.if_exists):
         return None
     table, path = task.outputs.csv, task.outputs.sidecar
     content = read_sidecar(path, OutputError, REMEDY)
+    if content.get("settings_sha256") != task.settings_sha256():
+        raise OutputError(f"{path}: is a result with other settings or of another input; {REMEDY}")
     try:
-        difference = next(_differences(task, content), None)
         outcome = Outcome(
             skipped=True,
             complete=bool(content["decode"]["complete"]),
             notes=tuple(content["decode"]["messages"]),
-            remarks=tuple(content.get("remarks", ())),  # results before 1.0 lack them
+            remarks=tuple(content["remarks"]),
             verdicts=verdicts_in(content),
         )
         in_words(outcome.verdicts)  # raises an error if a value has a wrong type
@@ -223,96 +249,9 @@ def exists_already(task: Task) -> Outcome | None:
             fault = fault_of_rows(table, content)
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
         raise OutputError(f"{path}: is damaged; {REMEDY}") from error
-    if difference:  # all results in a folder must have the same settings
-        raise OutputError(f"{path}: is a result {difference}; {REMEDY}")
     if fault:
         raise OutputError(f"{table}: {fault}; {REMEDY}")
     return outcome
-
-
-def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
-    """Yield texts on how a result differs from the result that the task would make."""
-    settings, facts = task.settings, content["input"]
-    name, size = PurePath(without_login(task.name)).name, bytes_of(task.name)
-    if name != PurePath(facts["name"]).name or _are_different_files(task.name, facts["name"]):
-        yield f"of another input, {facts['name']}"
-    if size is not None and facts.get("bytes") not in {None, size}:
-        yield f"of an input of {facts['bytes']} bytes, not {size}"
-    yield from _other_rate(task, facts)
-    if list(settings.models) != content["models"]:
-        yield f"of the models {', '.join(content['models'])}, not {', '.join(settings.models)}"
-    yield from _other_files(settings, content)
-    if settings.columns != content["columns"]:
-        yield f"with --columns {content['columns']}, not {settings.columns}"
-    if settings.height != content["height"]:
-        yield f"at --height {content['height'] or NATIVE}, not {settings.height or NATIVE}"
-    if settings.measure_rmo != content["measure_rmo"]:
-        yield f"with{'' if content['measure_rmo'] else 'out'} radial motion opponency"
-    if _through_json(asdict(task.span)) != content["span"]:
-        yield "of another part of the input: see --start, --end and --duration"
-    others = list(_other_parameters(settings, content))
-    if others and settings.preset != content["preset"]:  # clearer than the name of a parameter
-        yield f"of preset {content['preset']}, not {settings.preset}"
-    yield from others
-
-
-def _other_rate(task: Task, facts: dict[str, Any]) -> Iterator[str]:
-    rate = facts["frame_rate"]
-    if facts["kind"] == "images":
-        wanted = task.image_rate or task.true_rate or rate_beside(task.name) or USUAL_RATE
-        if Fraction(rate) != wanted:
-            yield f"of images at {rate} frames/s; see --image-rate"
-    elif task.true_rate != (Fraction(rate) if facts.get("rate_in_file") else None):
-        yield f"at {rate} frames/s; see --true-rate"
-
-
-def _are_different_files(name: str, other: str) -> bool:
-    """Return whether two names are files with different content."""
-    try:
-        same = not is_file(other) or Path(name).samefile(other)
-        return not (same or filecmp.cmp(name, other, shallow=False))
-    except (OSError, ValueError):  # a camera, a stream, or a file that cannot be read
-        return False
-
-
-def _other_files(settings: Settings, content: dict[str, Any]) -> Iterator[str]:
-    if any(map(needs_loading, settings.models)):
-        files = content.get("loaded", ())  # results before 1.0 lack it
-        if {each["sha256"] for each in files} != {each["sha256"] for each in loaded()}:
-            yield "of detectors of your own whose files (--load) had another content"
-
-
-def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[str]:
-    facts, working, view = content["input"], content["working"], content["field_of_view"]
-    if view:
-        per_radian = math.degrees(view["px_per_degree_in_the_middle"])
-        optics = Optics(facts["width"], facts["height"], per_radian, view["projection"])
-        scale = working["source_px_per_px_x"], working["source_px_per_px_y"]
-        size = WorkingSize(working["width"], working["height"], *scale)
-        settings = settings.seen_through(optics, size)
-    fov = _fov_text(view["horizontal_deg"] if view and view["origin"] == FOV else None)
-    if fov != _fov_text(settings.fov):
-        yield f"with {fov}, not {_fov_text(settings.fov)}"
-    groups = (*settings.models, "alarm", "places", "repeats", "time")
-    groups += ("rmo",) if settings.measure_rmo else ()
-    resolved = settings.resolved(min(working["width"], working["height"]))
-    # The floor of a detector that does not run has no effect on the result.
-    idle = {f"{name}_floor" for name in known_names() if name not in settings.models}
-    for group in groups:
-        existing = content["parameters"].get(group, {})
-        for name, value in _through_json(resolved[group].as_dict()).items():
-            if name not in idle and existing.get(name) != value:
-                yield f"with {group}.{name} = {existing.get(name)}, not {value}"
-
-
-def _fov_text(degrees: float | None) -> str:
-    """Return a field of view as a text, without the rounding errors of sines and tangents."""
-    return "no --fov" if degrees is None else f"--fov {round(degrees, 9):.12g}"
-
-
-def _through_json(value: Any) -> Any:
-    """Return a value in the types that it has after it was written to JSON and read again."""
-    return json.loads(json.dumps(value, default=str))
 
 
 # ---- Writing -------------------------------------------------------------------------------

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -127,28 +128,19 @@ def test_an_outcome_of_a_kept_result_is_that_of_its_run(task: Task, tmp_path: Pa
     other = kept_as(task, tmp_path, faulty)
     assert other is not None
     assert (other.complete, other.notes, other.remarks) == (False, ("cut",), ("too short",))
-    # Results before 1.0 lack remarks, and the size of an input is not always known.
-    old = kept_as(task, tmp_path, {"remarks": None, "loaded": None, "input/bytes": None})
-    assert old == replace(plain, remarks=())
+
+
+OTHER = (
+    "a.oppload.json: is a result with other settings or of another input; choose --if-exists "
+    "overwrite, or another --output"
+)
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"input/bytes": 7}, "is a result of an input of 7 bytes, not "),
-        ({"input/name": "b.avi"}, "is a result of another input, b.avi; choose --if-exists"),
-        ({"models": ["dlgmd", "opplod"]}, "of the models dlgmd, opplod, not opplod, dlgmd"),
-        ({"columns": "all"}, "with --columns all, not usual"),
-        ({"height": 60}, "at --height 60, not 24"),
-        ({"height": 0}, "at --height native, not 24"),
-        ({"measure_rmo": True}, "with radial motion opponency"),
-        ({"span/start": "f3"}, "of another part of the input: see --start"),
-        ({"preset": "paper", "parameters/alarm/factor": 9}, "of preset paper, not default"),
-        ({"parameters/alarm/factor": 9}, "with alarm.factor = 9, not None"),
-        ({"parameters/places/most": 9}, "with places.most = 9, not"),
-        ({"parameters/repeats/handling": "off"}, "with repeats.handling = off, not"),
-        ({"parameters/time/interval": "frame"}, "with time.interval = frame, not 1/30"),
-        ({"field_of_view": {}}, "with no --fov, not --fov 60"),
+        ({"settings_sha256": "0"}, OTHER),
+        ({"settings_sha256": None}, OTHER),  # of an earlier version
         ({"decode/complete": None}, "a.oppload.json: is damaged; choose --if-exists overwrite"),
         ({"alarms/opplod/peak": "1"}, "a.oppload.json: is damaged; choose --if-exists overwrite"),
         ({"decode/analysed": 6}, "a.frames.csv: holds 5 complete rows, but its run wrote 6"),
@@ -160,20 +152,6 @@ def test_a_result_of_another_task_is_named(
     with pytest.raises(OutputError) as caught:
         kept_as(task, tmp_path, change)
     assert said in str(caught.value)
-
-
-def test_a_result_of_another_file_of_the_same_name_and_size_is_named(
-    task: Task, tmp_path: Path
-) -> None:
-    (tmp_path / "cam2").mkdir()
-    copy = tmp_path / "cam2" / "a.avi"
-    content = bytearray(Path(task.name).read_bytes())
-    copy.write_bytes(content)
-    assert kept_as(task, tmp_path, {"input/name": str(copy)}) is not None
-    content[-1] ^= 1
-    copy.write_bytes(content)
-    with pytest.raises(OutputError, match=r"is a result of another input, .*cam2"):
-        kept_as(task, tmp_path, {"input/name": str(copy)})
 
 
 @pytest.mark.parametrize("pattern", ["", "/%d.png"])
@@ -191,40 +169,58 @@ def test_a_result_of_images_that_have_changed_is_named(pattern: str, tmp_path: P
     run_task(task)
     assert exists_already(task) is not None
     (images / "6.png").write_bytes((images / "5.png").read_bytes())
-    with pytest.raises(OutputError, match=r"is a result of an input of \d+ bytes, not \d+; choose"):
+    with pytest.raises(OutputError, match=r"is a result with other settings or of another input"):
         exists_already(task)
 
 
-def test_what_has_no_effect_on_a_result_does_not_matter(task: Task, tmp_path: Path) -> None:
-    span = Span(parse_position("f3"), parse_position("0.1"))
-    written = json.loads(json.dumps(asdict(span), default=str))
-    models: dict[str, Any] = {"models": PLACES, "height": "24", "fov": "60"}
-    floor = resolve(**models, measure_rmo=False, assignments=["alarm.plgmd_floor=9"])
-    address = replace(task, name="rtsp://me:secret@host")
-    for same, change in (
-        (task, {"preset": "paper"}),
-        (replace(task, settings=floor), {}),  # of a detector that does not run
-        (address, {"input/name": "rtsp://host", "input/bytes": 7}),
-        (task, {"parameters/rmo/grid": 9}),  # not measured
-        (task, {"loaded": [{"name": "mine.py", "sha256": "0"}]}),  # of a detector that does not run
-        (replace(task, span=span), {"span": written}),
-    ):
-        kept = kept_as(same, tmp_path, change)
-        assert kept is not None
-        assert kept.skipped
-    settings = resolve(**models, measure_rmo=True)
-    change = {"measure_rmo": True, "parameters/rmo/grid": 9}
-    with pytest.raises(OutputError, match=r"with rmo\.grid = 9, not"):
-        kept_as(replace(task, settings=settings), tmp_path, change)
-
-
-def test_detectors_of_ones_own_must_come_from_the_same_files(
+def test_the_checksum_is_that_of_the_settings_and_of_the_input(
     task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(task_module, "needs_loading", lambda _name: True)
-    assert kept_as(task, tmp_path, {"loaded": None}) is not None  # as before version 1.0
-    with pytest.raises(OutputError, match=r"your own whose files \(--load\) had another content"):
-        kept_as(task, tmp_path, {"loaded": [{"name": "mine.py", "sha256": "0"}]})
+    models: dict[str, Any] = {"models": PLACES, "height": "24", "fov": "60", "measure_rmo": False}
+    moved = tmp_path / "moved" / "a.avi"
+    moved.parent.mkdir()
+    moved.write_bytes(Path(task.name).read_bytes())
+    same = (
+        task,
+        replace(task, settings=resolve(**models)),
+        replace(task, name=str(moved), outputs=None, threads=2, command=["oppload"]),
+    )
+    assert {each.settings_sha256() for each in same} == {task.settings_sha256()}
+    other = [
+        replace(task, settings=resolve(**{**models, **change}))
+        for change in (
+            {"models": PLACES[:1]},
+            {"models": PLACES[::-1]},
+            {"height": "30"},
+            {"fov": "61"},
+            {"fov": None},
+            {"measure_rmo": True},
+            {"columns": "all"},
+            {"assignments": ["alarm.factor=9"]},
+            {"assignments": ["opplod.receptive_field=20deg"]},
+            {"assignments": ["time.interval=frame"]},
+        )
+    ]
+    (tmp_path / "b.avi").write_bytes(moved.read_bytes())
+    (tmp_path / "a.avi").write_bytes(moved.read_bytes()[:-1])
+    other += [replace(task, name=str(tmp_path / name)) for name in ("a.avi", "b.avi")]
+    other += [replace(task, span=Span(parse_position("f3"), parse_position("0.1")))]
+    other += [replace(task, image_rate=Fraction(25)), replace(task, true_rate=Fraction(25))]
+    checksums = [each.settings_sha256() for each in (task, *other)]
+    # Files of detectors of one's own count if one of these runs.
+    for content in ("0", "1"):
+        monkeypatch.setattr(task_module, "loaded", lambda: [{"name": "a.py", "sha256": content}])  # noqa: B023
+        assert task.settings_sha256() == checksums[0]
+        with monkeypatch.context() as context:
+            context.setattr(task_module, "needs_loading", lambda _name: True)
+            checksums.append(task.settings_sha256())
+    assert len(set(checksums)) == len(checksums)
+
+
+def test_the_checksum_of_a_stream_holds_its_address_but_no_password(task: Task) -> None:
+    names = ("rtsp://me:secret@host/a", "rtsp://host/a", "rtsp://other/a")
+    first, second, third = (replace(task, name=name).settings_sha256() for name in names)
+    assert first == second != third
 
 
 def test_a_table_that_cannot_be_read_is_named(task: Task, tmp_path: Path) -> None:
