@@ -24,14 +24,27 @@ if TYPE_CHECKING:
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
     from oppload_cli.models.bank import DetectorBank
-    from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
+    from oppload_cli.models.detector import AlarmRule, Box, Column, Detector, Response, UnitMaps
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
     from oppload_cli.models.flow_divergence import FlowDivergence, FlowDivergenceParams
     from oppload_cli.models.frame_difference import FrameDifference, FrameDifferenceParams
     from oppload_cli.models.layers import Layers
-    from oppload_cli.models.opplod import Opplod
-    from oppload_cli.models.opplod_parameters import OpplodParams, OpplodResponse
-    from oppload_cli.models.presets import PRESETS
+    from oppload_cli.models.opplod import Opplod, OpplodParams, OpplodResponse
+    from oppload_cli.models.opplod_lplc2 import (
+        OpplodLplc2,
+        OpplodLplc2Params,
+        OpplodLplc2Response,
+    )
+    from oppload_cli.models.opplod_paper import (
+        OpplodPaper,
+        OpplodPaperParams,
+        OpplodPaperResponse,
+    )
+    from oppload_cli.models.opplod_reference import (
+        OpplodReference,
+        OpplodReferenceParams,
+        OpplodReferenceResponse,
+    )
     from oppload_cli.models.registry import detectors, forget, parameters_of, register
     from oppload_cli.motion.rmo import RmoMetrics, RmoParams
     from oppload_cli.pipeline.analysis import Analysis, analyse
@@ -49,15 +62,16 @@ if TYPE_CHECKING:
 
 
 __all__ = [
-    "PRESETS", "Alarm", "AlarmParams", "Analysis", "Box", "Column", "Detection", "Detector",
+    "Alarm", "AlarmParams", "AlarmRule", "Analysis", "Box", "Column", "Detection", "Detector",
     "DetectorBank", "Dlgmd", "DlgmdParams", "DlgmdResponse", "FlowDivergence",
     "FlowDivergenceParams", "Frame", "FrameDifference", "FrameDifferenceParams", "FrameRecord",
-    "Layers", "OpploadError", "Opplod", "OpplodParams", "OpplodResponse", "Parameters",
+    "Layers", "OpploadError", "Opplod", "OpplodLplc2", "OpplodLplc2Params", "OpplodLplc2Response",
+    "OpplodPaper", "OpplodPaperParams", "OpplodPaperResponse", "OpplodParams", "OpplodReference",
+    "OpplodReferenceParams", "OpplodReferenceResponse", "OpplodResponse", "Parameters",
     "PlaceParams", "Position", "Response", "Result", "RmoMetrics", "RmoParams", "Span", "Tuning",
     "UnitMaps", "Video", "__version__", "alarm_params", "analyse", "detectors", "forget",
     "open_source", "open_video", "parameter", "parameters_of", "plot_curves", "plot_places",
-    "plot_rmo", "plot_tuning", "read_result", "read_tuning", "register", "run", "stimulus",
-    "tune",
+    "plot_rmo", "plot_tuning", "read_result", "read_tuning", "register", "run", "stimulus", "tune",
 ]  # fmt: skip
 
 _MODULES = {
@@ -67,14 +81,19 @@ _MODULES = {
     "detection.places": ("Detection",),
     "errors": ("OpploadError",),
     "models.bank": ("DetectorBank",),
-    "models.detector": ("Box", "Column", "Detector", "Response", "UnitMaps"),
+    "models.detector": ("AlarmRule", "Box", "Column", "Detector", "Response", "UnitMaps"),
     "models.dlgmd": ("Dlgmd", "DlgmdParams", "DlgmdResponse"),
     "models.layers": ("Layers",),
     "models.flow_divergence": ("FlowDivergence", "FlowDivergenceParams"),
     "models.frame_difference": ("FrameDifference", "FrameDifferenceParams"),
-    "models.opplod": ("Opplod",),
-    "models.opplod_parameters": ("OpplodParams", "OpplodResponse"),
-    "models.presets": ("PRESETS",),
+    "models.opplod": ("Opplod", "OpplodParams", "OpplodResponse"),
+    "models.opplod_lplc2": ("OpplodLplc2", "OpplodLplc2Params", "OpplodLplc2Response"),
+    "models.opplod_paper": ("OpplodPaper", "OpplodPaperParams", "OpplodPaperResponse"),
+    "models.opplod_reference": (
+        "OpplodReference",
+        "OpplodReferenceParams",
+        "OpplodReferenceResponse",
+    ),
     "models.registry": ("detectors", "forget", "parameters_of", "register"),
     "motion.rmo": ("RmoMetrics", "RmoParams"),
     "pipeline.analysis": ("Analysis", "analyse"),

@@ -18,7 +18,6 @@ from oppload_cli.errors import OutputError, ParameterError, StimulusError, count
 from oppload_cli.files.atomic import part_of, write_atomic
 from oppload_cli.files.reading import is_file, path_of
 from oppload_cli.files.tables import Table
-from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.pipeline.execute import analyse_source
 from oppload_cli.pipeline.settings import check_assignments, resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
@@ -260,9 +259,8 @@ class Result(reading.BaseResult):
 
 def run(
     source: Source,
-    preset: str | None = None,
-    *,
     models: Sequence[str] = (),
+    *,
     rate: float | Fraction | None = None,
     times: Times | None = None,
     height: int | str | None = None,
@@ -276,9 +274,6 @@ def run(
     ----------
     source : str, Path, FrameSource, Protocol or array
         As for :func:`oppload_cli.open_source`.
-    preset : str, optional
-        ``default`` for videos of cameras, ``reference`` for studies of the model, ``paper`` or
-        ``lplc2``; if left out, that of a model such as ``opplod:paper``, or else ``default``.
     models : sequence of str
         Names of detectors; OppLoD and D-LGMD if left out.
     rate, times, height
@@ -308,7 +303,7 @@ def run(
     --------
     >>> import numpy as np, oppload_cli as oppload
     >>> flat = np.full((20, 60, 80), 128, np.uint8)
-    >>> result = oppload.run(flat, preset="reference", models=["dlgmd"], rate=30)
+    >>> result = oppload.run(flat, ["dlgmd"], rate=30)
     >>> float(result.frames["dlgmd_response"].max())
     0.0
     """
@@ -317,12 +312,12 @@ def run(
             f"rmo must be True or False, not {rmo!r:.60}; its parameters go into settings, "
             "e.g. {'rmo.grid': 20}"
         )
-    wanted = _wanted(preset, models, height, settings)
+    wanted = _wanted(models, height, settings)
     chosen = resolve(**wanted, fov=None if fov is None else str(fov), measure_rmo=rmo)
     check_assignments(wanted["assignments"], chosen.models, measure_rmo=rmo)
     records: list[FrameRecord] = []
-    pixels = chosen.height or "native"
-    with open_source(source, rate=rate, times=times, height=pixels, preset=chosen.preset) as frames:
+    heights: Any = {"height": chosen.height, "others": chosen.other_heights}
+    with open_source(source, rate=rate, times=times, **heights) as frames:
         truth = ground_truth(frames.protocol) if isinstance(frames, StimulusVideo) else None
         columns, sidecar = analyse_source(frames, chosen, records.append, truth)
         # Only the name of a video is a path; those of stimuli and arrays are not.
@@ -340,7 +335,6 @@ def tune(
     *,
     figure: str | None = None,
     changes: Mapping[str, Any] | None = None,
-    preset: str | None = None,
     models: Sequence[str] = (),
     height: int | str | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -360,8 +354,6 @@ def tune(
         The name of a classic figure, such as ``peak-time``, in place of a stimulus.
     changes : mapping, optional
         Changed values of the stimulus, such as ``{"display.frame_rate": 60}``.
-    preset : str, optional
-        If left out, that of a model such as ``opplod:paper``, or else ``reference``.
     models, height, settings
         As for :func:`run`.
     indicator_s : float
@@ -411,7 +403,7 @@ def tune(
         name if values is None else f"{name}={_text(_listed(name, values))}"
         for name, values in (over or {}).items()
     ]
-    wanted = _wanted(preset, models, height, settings) | {"usual": STUDY_PRESET}
+    wanted = _wanted(models, height, settings)
     named = None if stimulus is None else str(stimulus)
     figures = [] if figure is None else [str(figure)]
     try:
@@ -445,7 +437,6 @@ def _listed(name: str, values: Iterable[Any]) -> list[Any]:
 
 
 def _wanted(
-    preset: str | None,
     models: Sequence[str],
     height: int | str | None,
     settings: Mapping[str, Any] | None,
@@ -465,7 +456,6 @@ def _wanted(
                 f"{ {setting: value}!r:.60}"
             )
     return {
-        "preset": preset,
         "models": list(names),
         "height": None if height is None else str(height),
         "assignments": [f"{name}={_text(value)}" for name, value in (settings or {}).items()],

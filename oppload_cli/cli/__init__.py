@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import errno
 import importlib
-import mmap
 import os
 import sys
 import threading
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Never, NoReturn
 
@@ -25,7 +23,6 @@ from oppload_cli.errors import (
     OutputError,
     ParameterError,
     ShortageError,
-    SourceError,
     printable,
     shortage,
     suggestion,
@@ -35,19 +32,12 @@ from oppload_cli.models import LOAD
 from oppload_cli.processes import signals
 from oppload_cli.version import __version__
 
-if sys.platform != "win32":
-    import resource
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tqdm import tqdm
 
 
-# Memory that loading the libraries of a command takes at least.
-_LIBRARY_BYTES = 150 << 20
-_ARROW_BYTES = 800 << 20  # for commands that load pandas, which loads Arrow if it is installed
-_WITH_PANDAS = {"collect", "plot", "report", "tune", "evaluate", "reproduce", "demo"}
 COMMANDS = {
     "run": "run looming detectors on videos",
     "collect": "join many results into one table",
@@ -101,7 +91,6 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        _check_memory(cmd_name)
         module = importlib.import_module(f"oppload_cli.cli.{cmd_name}")
         _check_loaded(ctx.params.get("load") or ())
         command: click.Command = getattr(module, cmd_name)
@@ -201,32 +190,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run a command line, by default that of the process, and exit."""
     signals.handle()
     try:
+        if None in (sys.stdin, sys.stdout, sys.stderr):  # a file would get the number of the stream
+            raise ParameterError("a standard stream is closed; open it, for example as /dev/null")
         code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
         signals.stop_if_asked()
     except BaseException as error:
         signals.ignore()  # a second Ctrl-C must not interrupt the printing of the error
         sys.exit(_failure(error))
     sys.exit(code or ExitCode.DONE)
-
-
-def _check_memory(command: str) -> None:
-    """Raise OSError if a limit of memory leaves no room for the libraries of a command.
-
-    OpenBLAS, which NumPy loads, and Arrow, which pandas loads, allocate memory while they are
-    loaded, and OpenBLAS once more for its first product. If that fails they end the process,
-    without an error that `main` could catch.
-    """
-    if sys.platform == "win32":  # has no such limit
-        return
-    limits = (resource.getrlimit(each)[0] for each in (resource.RLIMIT_AS, resource.RLIMIT_DATA))
-    if any(limit != resource.RLIM_INFINITY for limit in limits):
-        with_arrow = command in _WITH_PANDAS and find_spec("pyarrow")
-        private = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS  # RLIMIT_DATA counts no shared memory
-        mmap.mmap(-1, _ARROW_BYTES if with_arrow else _LIBRARY_BYTES, private).close()
-        import numpy as np
-
-        square = np.ones((256, 256))
-        np.dot(square, square)  # the first large product, for which OpenBLAS allocates memory
 
 
 def _failure(error: BaseException) -> int:
@@ -236,7 +207,7 @@ def _failure(error: BaseException) -> int:
     if os.environ.get("OPPLOAD_DEBUG"):
         sys.excepthook(type(error), error, error.__traceback__)
     error = _explained(error)
-    if isinstance(error, _ReaderGoneError | OutputError) and sys.stdout is not None:
+    if isinstance(error, _ReaderGoneError | OutputError):
         try:
             sys.stdout.flush()
         except OSError:  # Python would fail once more at exit, when it flushes the stream
@@ -293,22 +264,12 @@ def _explained(error: BaseException) -> BaseException:
             "matplotlib finds no folder that it can write for its cache; set the environment "
             "variable MPLCONFIGDIR to one"
         )
-    if isinstance(error, FileNotFoundError) and _current_folder_is_gone():
-        return SourceError("the current folder was removed; change to another one")
     if isinstance(error, Exception) and not isinstance(
         error, OpploadError | click.ClickException | click.Abort | _ReaderGoneError
     ):
         short = shortage(error)
         return ShortageError(short) if short else error
     return error
-
-
-def _current_folder_is_gone() -> bool:
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        return True
-    return False
 
 
 def say(line: str) -> None:
@@ -325,7 +286,7 @@ def say(line: str) -> None:
 
 def on_terminal() -> bool:
     """Tell whether standard error is a terminal, which can show progress."""
-    return sys.stderr is not None and sys.stderr.isatty()
+    return sys.stderr.isatty()
 
 
 def progress_bar(total: int | None, unit: str, *, quiet: bool, name: str = "") -> tqdm[Never]:

@@ -9,7 +9,6 @@ import click
 
 from oppload_cli.cli import options
 from oppload_cli.errors import printable
-from oppload_cli.models.presets import NATIVE
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.schema import AUTO
 
@@ -32,10 +31,8 @@ def config(**chosen: Any) -> None:
 
 def _lines(settings: Settings) -> Iterator[str]:
     origins = settings.origins
-    yield f'preset = "{settings.preset}"  # {origins["preset"]}'
     yield f"models = {json.dumps(list(settings.models))}  # {origins['models']}"
-    height = settings.height if settings.height is not None else f'"{NATIVE}"'
-    yield f"height = {height}  # {origins['height']}"
+    yield f"height = {json.dumps(settings.height)}  # {origins['height']}"
     fov = "# fov is not known" if settings.fov is None else f"fov = {settings.fov}"
     yield f"{fov}  # {origins['fov']}"
     yield f"measure_rmo = {json.dumps(settings.measure_rmo)}  # {origins['measure_rmo']}"
@@ -49,7 +46,7 @@ def _lines(settings: Settings) -> Iterator[str]:
             if (degrees := settings.angles.get(f"{group}.{name}"))
         }
         for name, value in {**params.as_dict(), **angles}.items():
-            origin = origins.get(f"{group}.{name}", f"preset {settings.preset}")
+            origin = origins.get(f"{group}.{name}", "default")
             # TOML has no pairs of escapes, which JSON writes for some letters.
             text = json.dumps(AUTO if value is None else value, ensure_ascii=False)
             yield f"{name} = {text}  # {origin}"

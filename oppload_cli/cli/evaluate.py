@@ -13,7 +13,7 @@ import click
 from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import claimed, refuse_existing
-from oppload_cli.models.presets import EXAMPLE_SETTING
+from oppload_cli.models import EXAMPLE_SETTING
 
 
 @click.command()
@@ -30,10 +30,9 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
     "and what they cost. Without MANIFEST, STIMULUS or VIDEO, these are also the clips.",
 )
 @options.models(
-    metavar="NAME[:PRESET]",
-    help="Detectors to evaluate: NAME, or NAME:PRESET of one that presets change, or several as "
-    "A,B; may be given again; the baselines are always evaluated.  "
-    "[default: presets default and reference]",
+    metavar="NAME",
+    help="Detectors to evaluate, as A,B or given again; all takes all. The baselines are always "
+    "evaluated.  [default: opplod and opplod_reference]",
 )
 @options.assignments(
     help=f"One parameter of a detector or of all alarms, e.g. {EXAMPLE_SETTING}; may be given "
@@ -41,12 +40,12 @@ from oppload_cli.models.presets import EXAMPLE_SETTING
 )
 @options.config(
     help="Settings of 'oppload run' from a file, for all detectors; the models of the file are "
-    "evaluated under its preset, unless --model names others.",
+    "evaluated, unless --model names others.",
 )
 @click.option(
     "--height",
     metavar="PX",
-    help="Height to which frames are resized for all detectors.  [default: that of the preset]",
+    help="Height to which frames are resized for all detectors.  [default: their own]",
 )
 @click.option(
     "--boxes",

@@ -11,12 +11,9 @@ import cv2
 import numpy as np
 
 from oppload_cli.cli import options
-from oppload_cli.detection.alarm import alarm_params
-from oppload_cli.detection.contact import place_params
 from oppload_cli.errors import ParameterError, suggestion
-from oppload_cli.models.presets import PRESETS
-from oppload_cli.models.registry import detector_named, detectors, parameters_of
-from oppload_cli.models.timebase import time_params
+from oppload_cli.models.registry import detector_named, detectors
+from oppload_cli.models.timebase import FRAME
 from oppload_cli.pipeline.settings import parameter_sets
 from oppload_cli.schema import AUTO
 
@@ -35,12 +32,12 @@ _MEASURED_FRAMES, _FIRST_FRAMES, _ROUNDS = 24, 8, 3
 # Attributes of a detector that `--json` prints.
 _FACTS = (
     "label", "meaning", "by_default", "year", "reference", "answers_to", "made_for", "cost_ms",
-    "places",
+    "places", "height", "interval",
 )  # fmt: skip
 
 
 def _complete(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
-    return options.completions(text, dict.fromkeys((*parameter_sets(), *PRESETS), ""))
+    return options.completions(text, dict.fromkeys(parameter_sets(), ""))
 
 
 @click.command()
@@ -48,9 +45,9 @@ def _complete(_: click.Context, __: click.Parameter, text: str) -> list[Completi
 @click.option("--measure", is_flag=True, help="Measure the cost of a frame on this machine.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
-    """List the models and the presets, a line for each.
+    """List the models, a line for each.
 
-    NAME is a model, a preset, or a group of settings (alarm, places, rmo, repeats, time). The
+    NAME is a model, or a group of settings (alarm, places, rmo, repeats, time). The
     command then describes NAME with every parameter and its default. --measure prints the
     processor time that each model takes for a frame of 427 x 240 on one core.
     """
@@ -60,10 +57,10 @@ def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
         for detector in [detector_named(name) for name in names] or list(detectors().values()):
             click.echo(f"{detector.name:<20}{_measured_cost(detector):>8.2f} ms per frame")
         return
-    known = [*parameter_sets(), *PRESETS]
+    known = list(parameter_sets())
     for name in names:
         if name not in known:
-            raise ParameterError(f"no model, preset or settings '{name}'{suggestion(name, known)}")
+            raise ParameterError(f"no model or settings '{name}'{suggestion(name, known)}")
     if as_json:
         click.echo(json.dumps(_described(names), indent=2))
     elif names:
@@ -80,34 +77,20 @@ def _list() -> None:
     for name, detector in detectors().items():
         cost = f"{detector.cost_ms:g}" if detector.cost_ms else ""
         click.echo(f"  {name:<20}{cost:>5}  {detector.answers_to or detector.meaning}")
-    click.secho("\npresets", bold=True)
-    for preset in PRESETS.values():
-        click.echo(f"  {preset.name:<20}{preset.meaning}")
     groups = ", ".join(name for name in parameter_sets() if name not in detectors())
     click.echo(
-        f"\n'oppload models NAME' describes a model or a preset with its parameters, and the "
-        f"settings of\n{groups}."
+        f"\n'oppload models NAME' describes a model with its parameters, and the settings of\n"
+        f"{groups}."
     )
 
 
 def _describe(name: str) -> None:
     sets = parameter_sets()
-    if name in PRESETS:
-        preset = PRESETS[name]
-        click.secho(f"{name}  ({preset.meaning}; working height {preset.height})", bold=True)
-        changed = [
-            f"  {group}.{parameter} = {value}"
-            for group, params in _groups(name).items()
-            for parameter, value in params.as_dict().items()
-            if value != type(params)().as_dict()[parameter]
-        ]
-        click.echo("\n".join(changed) or "  every parameter has its default")
-    else:
-        meaning, kind = sets[name]
-        click.secho(f"{name}  ({meaning})", bold=True)
-        facts = _facts(detectors()[name]) if name in detectors() else ()
-        for line in (*facts, *_lines(kind)):
-            click.echo(f"  {line}")
+    meaning, kind = sets[name]
+    click.secho(f"{name}  ({meaning})", bold=True)
+    facts = _facts(detectors()[name]) if name in detectors() else ()
+    for line in (*facts, *_lines(kind)):
+        click.echo(f"  {line}")
     click.echo()
 
 
@@ -145,20 +128,14 @@ def _facts(detector: type[Detector]) -> Iterator[str]:
         yield f"responds to: {detector.answers_to}"
     if detector.made_for:
         yield f"made for: {detector.made_for}"
+    counts = detector.interval == FRAME
+    yield f"working height: {detector.height} px" + "; counts frames" * counts
+    rule = detector.alarm
+    yield f"alarm: above {rule.floor:g}" if rule.floor is not None else f"no alarm: {rule.why_none}"
     if detector.places:
         yield "places: a box for each looming object"
     if detector.cost_ms:
         yield f"cost: about {detector.cost_ms:g} ms per frame of 427 x 240 on one core"
-
-
-def _groups(preset: str) -> dict[str, Parameters]:
-    """Return the parameter sets that a preset may change."""
-    return {
-        **{name: parameters_of(name, preset) for name in detectors()},
-        "alarm": alarm_params(preset),
-        "places": place_params(preset),
-        "time": time_params(preset),
-    }
 
 
 def _lines(params: type[Parameters]) -> Iterator[str]:
@@ -186,7 +163,7 @@ def _entries(params: type[Parameters]) -> Iterator[dict[str, Any]]:
 
 
 def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the facts about some models, presets and settings; without names, about all."""
+    """Return the facts about some models and settings; without names, about all."""
     sets = parameter_sets()
     everything: dict[str, dict[str, Any]] = {
         "models": {
@@ -194,14 +171,6 @@ def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:
             for name, detector in detectors().items()
         },
         "parameters": {name: list(_entries(params)) for name, (_, params) in sets.items()},
-        "presets": {
-            preset.name: {
-                "meaning": preset.meaning,
-                "height": preset.height,
-                **{name: params.as_dict() for name, params in _groups(preset.name).items()},
-            }
-            for preset in PRESETS.values()
-        },
     }
     return {
         title: {name: facts for name, facts in table.items() if name in names or not names}

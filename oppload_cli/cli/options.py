@@ -15,7 +15,7 @@ from click.shell_completion import CompletionItem
 import oppload_cli as oppload
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.reading import is_folder
-from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
+from oppload_cli.models import EXAMPLE_SETTING
 from oppload_cli.processes import cores
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     Command = Callable[..., Any]
 
 
+USUAL_MODELS = "opplod, and its baseline dlgmd"
 # Suffixes of files that commands write or read: a name with such a suffix is meant as a file.
 _FILE_SUFFIXES = frozenset(
     (".avi", ".csv", ".html", ".json", ".jsonl", ".mkv", ".mp4", ".parquet", ".pdf", ".png", ".svg")
@@ -116,17 +117,10 @@ def completions(text: str, meanings: Mapping[str, str]) -> list[CompletionItem]:
     ]
 
 
-def _complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
-    return completions(text, {name: each.meaning for name, each in PRESETS.items()})
-
-
 def _complete_models(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
-    """Complete the last name in a list of detectors such as ``opplod,dlgmd:reference``."""
-    before, comma, last = text.rpartition(",")
-    model, colon, _preset = last.partition(":")
-    names = {name: each.meaning for name, each in oppload.detectors().items()}
-    if colon:
-        names = {f"{model}:{name}": each.meaning for name, each in PRESETS.items()}
+    """Complete the last name in a list of detectors such as ``opplod,dlgmd``."""
+    before, comma, _last = text.rpartition(",")
+    names = {name: detector.meaning for name, detector in oppload.detectors().items()}
     return completions(text, {before + comma + name: names[name] for name in names})
 
 
@@ -245,28 +239,29 @@ change = click.option(
 )
 
 
-def settings(*, preset: str = DEFAULT_PRESET, table: bool = True) -> Callable[[Command], Command]:
+def _preset_is_gone(_: click.Context, __: click.Parameter, value: str | None) -> None:
+    if value is not None:
+        from oppload_cli.models.registry import preset_is_gone
+
+        raise preset_is_gone(value)
+
+
+def settings(
+    *, models_by_default: str = USUAL_MODELS, table: bool = True
+) -> Callable[[Command], Command]:
     """Return a decorator that adds the options of a run's settings.
 
-    Their names are the parameters of :func:`oppload_cli.pipeline.settings.resolve`. `preset` is the
-    command's default preset. With `table`, the command writes a table of frames, and also gets the
-    options for its columns.
+    Their names are the parameters of :func:`oppload_cli.pipeline.settings.resolve`.
+    `models_by_default` says in words which detectors run by default. With `table`, the command
+    writes a table of frames, and also gets the options for its columns.
     """
     options = [
         models(
-            metavar="NAME[:VARIANT|PRESET]",
-            help="Detectors to run, as A,B or given again; all runs all. 'oppload models' lists "
-            "the names. NAME:PRESET also chooses the preset, NAME:VARIANT a variant.  "
-            "[default: the detector of the paper and its baseline]",
-        ),
-        click.option(
-            "--preset",
             metavar="NAME",
-            shell_complete=_complete_presets,
-            help=f"Named set of parameters: {', '.join(PRESETS)}; 'oppload models' says what each "
-            f"is for.  "
-            f"[default: {preset}]",
+            help="Detectors to run, as A,B or given again; all runs all. 'oppload models' lists "
+            f"the names.  [default: {models_by_default}]",
         ),
+        click.option("--preset", hidden=True, expose_value=False, callback=_preset_is_gone),
         assignments(
             help=f"Set one parameter, e.g. {EXAMPLE_SETTING}; 'oppload models NAME' lists them.",
         ),
@@ -276,10 +271,10 @@ def settings(*, preset: str = DEFAULT_PRESET, table: bool = True) -> Callable[[C
         ),
         click.option(
             "--height",
-            metavar="PX|native",
+            metavar="PX|native|auto",
             help="Height to which frames are resized before the detectors see them (of portrait "
             "videos: width); the other side follows. Another height gives other results.  "
-            f"[default: {PRESETS[DEFAULT_PRESET].height}, preset paper {PRESETS['paper'].height}]",
+            "[default: the height of each detector, 240 of all but opplod_paper, 600]",
         ),
         repeats,
     ]

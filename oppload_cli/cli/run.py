@@ -12,8 +12,8 @@ import click
 from oppload_cli.cli import options
 from oppload_cli.errors import ParameterError, faults_at
 from oppload_cli.files.reading import text_of
-from oppload_cli.models.presets import DEFAULT_PRESET, NATIVE, PRESETS, preset_in
 from oppload_cli.schema import parsed_fraction
+from oppload_cli.video.frames import AUTO, parse_height, pixels_of
 from oppload_cli.video.inputs import HIGHEST_RATE
 from oppload_cli.video.opening import Opening, is_video_file
 from oppload_cli.video.span import Position, Span, parse_position
@@ -132,11 +132,8 @@ def _begun(
         content: dict[str, Any] = {}
         if settings["config"]:
             content = tomllib.loads(text_of(settings["config"]))
-        stated = settings["preset"] or preset_in(settings["models"])
-        preset = PRESETS[stated or content.get("preset", DEFAULT_PRESET)]
-        wanted = settings["height"] or content.get("height", preset.height)
-        pixels = None if wanted == NATIVE else int(wanted)
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        pixels = pixels_of(parse_height(settings["height"] or content.get("height", AUTO)))
+    except (OSError, ValueError, TypeError, ParameterError, RecursionError):
         return None
     return Opening(name, height=pixels, span=span, true_rate=true_rate, own_process=True)
 

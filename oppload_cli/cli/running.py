@@ -44,7 +44,6 @@ from oppload_cli.files.atomic import folder_of_outputs
 from oppload_cli.files.reading import is_file
 from oppload_cli.files.tables import refuse_another_table, rows_of
 from oppload_cli.models.detector import Detector
-from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import Settings, check_assignments, resolve
@@ -125,7 +124,7 @@ def run_inputs(
             if alone:
                 code = _run_one(next(tasks), options, opening)
             else:
-                shown = settings.models if settings.alarm.on else ()
+                shown = settings.with_alarm
                 code = _Batch(plan, shown, options).run(tasks)
         except Interrupted as stop:
             if options.report_pages and _existing_tables(_tasks(plan, task, options)):
@@ -145,8 +144,8 @@ def _check_options(options: RunOptions, settings: Settings) -> None:
         raise ParameterError("--quiet and --verbose exclude each other; give one of them")
     if options.null and not options.files_from:
         raise ParameterError("--null has no effect without --files-from; give both or neither")
-    if options.fail_on and not settings.alarm.on:
-        raise ParameterError(f"--fail-on: {_alarms_off(settings)}; choose another preset")
+    if options.fail_on and not settings.with_alarm:
+        raise ParameterError(f"--fail-on: {_no_alarm(settings)}; choose another model")
     if options.report_pages and options.shard:
         raise ParameterError(
             "--report makes one index of all pages; leave it out with --shard, and run "
@@ -154,23 +153,25 @@ def _check_options(options: RunOptions, settings: Settings) -> None:
         )
 
 
-def _alarms_off(settings: Settings) -> str:
-    """Return the sentence that says why alarms are off."""
-    reason = PRESETS[settings.preset].no_alarm
-    why = f" under preset '{settings.preset}', because {reason}" if reason else ""
-    return f"alarms are off{why}"
+def _no_alarm(settings: Settings) -> str:
+    """Return a text that says which detectors have no alarm, and why."""
+    reasons: dict[str, list[str]] = {}
+    for name in settings.models:
+        if name not in settings.with_alarm:
+            reasons.setdefault(settings.alarm.rule_of(name).why_none, []).append(name)
+    return "; ".join(f"no alarm of {', '.join(names)}: {why}" for why, names in reasons.items())
 
 
 def _notes(settings: Settings) -> Iterator[str]:
     """Yield sentences on alarms that are off, on detectors without a floor, and on slow models."""
-    if not settings.alarm.on:
-        yield f"{_alarms_off(settings)}; --set alarm.on=true switches them on"
-    for name in settings.models if settings.alarm.on else ():
-        inherited = detector_named(name).alarm_floors is Detector.alarm_floors
-        if inherited and not settings.alarm.floor_of(name):
+    if without := _no_alarm(settings):
+        yield f"{without}; --set alarm.NAME_floor=NUMBER gives it one"
+    for name in settings.with_alarm:
+        inherited = detector_named(name).alarm is Detector.alarm
+        if inherited and not settings.alarm.rule_of(name).floor:
             yield (
-                f"{name} has no floor: any response above 0 may cause an alarm; set "
-                f"alarm_floors in its class, or --set alarm.{name}_floor=NUMBER"
+                f"{name} has no floor: any response above 0 may cause an alarm; set its alarm in "
+                f"its class, or --set alarm.{name}_floor=NUMBER"
             )
     # If the user has switched the compiled loops off, the models are slow on purpose.
     reason = None if loops.portable else loops.why_portable() or loops.why_not_wide()
@@ -183,6 +184,9 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
     """Run one input with its progress; return the exit code."""
     progress = Progress(printable(task.name), options.verbosity, to_end=task.span.open_ended)
     try:
+        if opening and task.settings.other_heights:  # it has begun at one height only
+            opening.close()
+            opening = None
         outcome = run_task(task, on_open=progress.opened, on_frame=progress.frame, opening=opening)
     except SourceError as error:
         raise SourceError(f"{error}{_stimulus_hint(task.name)}") from error

@@ -14,7 +14,6 @@ from oppload_cli.cli import options, progress_bar, say
 from oppload_cli.cli.stimuli import say_remarks
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.files.atomic import PartFile, claimed, refuse_existing, write_atomic
-from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.stimulus.catalogue import parsed_settings
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
     "combination.  [default: the stimulus's own sweep]",
 )
 @options.change
-@options.settings(preset=STUDY_PRESET, table=False)
+@options.settings(models_by_default="those that fit the stimulus", table=False)
 @click.option(
     "--indicator",
     "indicator_s",
@@ -96,7 +95,7 @@ def tune(
         raise ParameterError("--indicator must be 0 to 60 seconds, not nan")
     values = parsed_settings(changes)
     options.check_models(chosen["models"], "tune")
-    for sweep in sweeps(stimulus, figures, values, over, chosen | {"usual": STUDY_PRESET}):
+    for sweep in sweeps(stimulus, figures, values, over, chosen):
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
         paths = [table, table.with_suffix(".json")]
         paths += [table.with_suffix(f".{form}")] if form != "none" else []

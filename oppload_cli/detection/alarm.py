@@ -14,15 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.presets import DEFAULT_PRESET, REFERENCE_INTERVAL, preset_named
-from oppload_cli.models.registry import alarm_floor_of, detector_named, known_names
-from oppload_cli.models.timebase import ROUNDING_S, Background
+from oppload_cli.models.registry import detector_named, known_names
+from oppload_cli.models.timebase import REFERENCE_INTERVAL, ROUNDING_S, Background
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from oppload_cli.models.detector import Detector
+    from oppload_cli.models.detector import AlarmRule, Detector
     from oppload_cli.models.dpc import Map
 
 
@@ -38,7 +37,7 @@ _MEMORY_S = 0.18  # whether a frame is a cut depends on the luminance changes of
 _LEAST_KEPT = 3
 
 
-def _seconds(default: float, meaning: str) -> Any:
+def _seconds(default: float | None, meaning: str) -> Any:
     return parameter(default, meaning, unit="s", low=0, high=60)
 
 
@@ -63,7 +62,7 @@ class AlarmParams(Parameters):
     factor: float | None = parameter(
         None,
         "the alarm's threshold is this many times the median response of the background, but at "
-        "least the floor; auto: 8, and 0 for OppLoD",
+        "least the floor; auto: the detector's own, 8 of most and 0 of OppLoD",
         low=0,
         high=1e6,
     )
@@ -74,13 +73,15 @@ class AlarmParams(Parameters):
         high=3600,
     )
     guard_s: float = _seconds(0.2, "time before the latest frame that the background leaves out")
-    enough_s: float = _seconds(
-        0.0,
+    enough_s: float | None = _seconds(
+        None,
         "evidence must be above the threshold for this time before the alarm starts; 0: one frame "
-        "is enough",
+        "is enough; auto: the detector's own, 0 of most",
     )
-    window_s: float = _seconds(
-        0.0, "length of the latest time in which evidence must be above the threshold for enough_s"
+    window_s: float | None = _seconds(
+        None,
+        "length of the latest time in which evidence must be above the threshold for enough_s; "
+        "auto: the detector's own",
     )
     release: float = parameter(
         0.5,
@@ -115,20 +116,19 @@ class AlarmParams(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.enough_s > self.window_s:
+        if self.enough_s is not None and self.enough_s > (self.window_s or 0):
             raise ParameterError(
-                f"parameter 'enough_s' of alarm must be at most 'window_s' ({self.window_s:g}), "
-                f"not {self.enough_s:g}"
+                "parameter 'enough_s' of alarm must be at most 'window_s' "
+                f"({self.window_s or 0:g}), not {self.enough_s:g}"
             )
 
-    def floor_of(self, name: str) -> float:
-        """Return the response at or below which a detector never alarms."""
-        floor: float | None = getattr(self, f"{name}_floor", None)
-        return alarm_floor_of(name) if floor is None else floor
-
-    def factor_of(self, name: str) -> float:
-        """Return by what the median response of the background is multiplied for a detector."""
-        return detector_named(name).alarm_factor if self.factor is None else self.factor
+    def rule_of(self, name: str) -> AlarmRule:
+        """Return the rule of a detector's alarm: its own, with the values that are set here."""
+        rule = detector_named(name).alarm
+        set_here = {"floor": getattr(self, f"{name}_floor", None)}
+        set_here |= {key: getattr(self, key) for key in ("factor", "enough_s", "window_s")}
+        rule = rule._replace(**{k: value for k, value in set_here.items() if value is not None})
+        return rule if self.on else rule._replace(floor=None, why_none="alarm.on is false")
 
     def __reduce__(self) -> tuple[object, ...]:
         # The class with the floors is made at run time, so that another process must make its own.
@@ -136,46 +136,35 @@ class AlarmParams(Parameters):
         return _with_floors, (names, self.as_dict())
 
 
-# Presets under which alarms have other parameters than under preset default.
-_TWO_OF_THREE = {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09}
-_ALARMS: dict[str, dict[str, float]] = {
-    "reference": _TWO_OF_THREE,
-    "paper": _TWO_OF_THREE,
-}
-
-
-def alarm_params(preset: str = DEFAULT_PRESET, **values: float) -> AlarmParams:
-    """Return the parameters of the alarms under a preset, with the floor of every detector.
+def alarm_params(**values: float) -> AlarmParams:
+    """Return the parameters of the alarms, with the floor of every detector.
 
     Parameters
     ----------
-    preset : str
-        Name of the preset.
     **values : float
-        Parameters that differ from the preset, such as ``factor=10`` or ``opplod_floor=0.01``.
+        Parameters that differ from the detectors' own, such as ``factor=10`` or
+        ``opplod_floor=0.01``.
 
     Raises
     ------
     ParameterError
-        If the preset or a name is unknown, or a value is out of range.
+        If a name is unknown, or a value is out of range.
 
     Examples
     --------
     >>> import oppload_cli as oppload
-    >>> oppload.alarm_params("reference").factor, oppload.alarm_params().factor_of("dlgmd")
-    (30.0, 8.0)
-    >>> oppload.alarm_params(opplod_floor=0.1).floor_of("opplod")
+    >>> oppload.alarm_params().rule_of("opplod_reference").factor
+    30.0
+    >>> oppload.alarm_params(opplod_floor=0.1).rule_of("opplod").floor
     0.1
     """
-    return alarm_params_with(known_names(), preset).replaced(**values)
+    return alarm_params_with(known_names()).replaced(**values)
 
 
-def alarm_params_with(names: Sequence[str], preset: str, **values: float) -> AlarmParams:
-    """Return the parameters of the alarms under a preset, with the floors of some detectors."""
-    on = not preset_named(preset).no_alarm
-    floors = {f"{name}_floor": alarm_floor_of(name, preset) for name in names}
-    given = {"on": on, **floors, **_ALARMS.get(preset, {}), **values}
-    return _with_floors(tuple(names), given)
+def alarm_params_with(names: Sequence[str], **values: float) -> AlarmParams:
+    """Return the parameters of the alarms, with the floors of some detectors."""
+    floors = {f"{name}_floor": detector_named(name).alarm.floor for name in names}
+    return _with_floors(tuple(names), {**floors, **values})
 
 
 @cache  # by classes, not by names: a notebook may define a detector again under the same name
@@ -184,10 +173,10 @@ def _alarm_class(kinds: tuple[type[Detector], ...]) -> type[AlarmParams]:
     floors = [
         (
             f"{kind.name}_floor",
-            float,
+            float | None,
             parameter(
-                kind.alarm_floors[DEFAULT_PRESET],
-                f"an alarm of {kind.label} needs a response above this",
+                kind.alarm.floor,
+                f"an alarm of {kind.label} needs a response above this; auto: no alarm",
                 low=0,
                 high=1e9,
             ),
@@ -197,7 +186,7 @@ def _alarm_class(kinds: tuple[type[Detector], ...]) -> type[AlarmParams]:
     return make_dataclass("AlarmParams", floors, bases=(AlarmParams,), frozen=True, kw_only=True)
 
 
-def _with_floors(names: tuple[str, ...], values: dict[str, float]) -> AlarmParams:
+def _with_floors(names: tuple[str, ...], values: dict[str, float | None]) -> AlarmParams:
     kinds = tuple(map(detector_named, names))
     return (_alarm_class(kinds) if kinds else AlarmParams)(**values)  # type: ignore[arg-type]
 
@@ -239,7 +228,7 @@ class Alarm:
     ----------
     threshold : float
         The threshold at the latest frame. Evidence above it starts an alarm; evidence above
-        `release` times the threshold keeps the alarm on. Infinite if `params` has alarms off.
+        `release` times the threshold keeps the alarm on. Infinite if the detector has no alarm.
     evidence : float
         The evidence of the latest frame.
 
@@ -253,7 +242,7 @@ class Alarm:
     Examples
     --------
     >>> import oppload_cli as oppload
-    >>> alarm = oppload.Alarm("opplod", oppload.alarm_params("default"))
+    >>> alarm = oppload.Alarm("opplod", oppload.alarm_params())
     >>> alarm.step(0.0, time_s=0.0), alarm.step(0.5, time_s=0.1), alarm.threshold
     (False, True, 0.09)
     """
@@ -264,8 +253,8 @@ class Alarm:
                 f"params must not be {params!r:.60}; give oppload_cli.alarm_params()"
             )
         self.params = params or AlarmParams()
-        self._floor = self.params.floor_of(name) if self.params.on else math.inf
-        self._factor = self.params.factor_of(name)
+        self._rule = self.params.rule_of(name)
+        self._floor = math.inf if self._rule.floor is None else self._rule.floor
         self._background = Background(self.params.background_s, self.params.guard_s)
         # Of each recent frame with evidence above the threshold: its time, and the step to it.
         self._above: deque[tuple[float, float]] = deque()
@@ -306,7 +295,7 @@ class Alarm:
         held = time_s <= self._until_s + ROUNDING_S
         ended = self._on and not held and (is_gap or not self._counted)
         background = self._background.step(response, time_s)
-        self.threshold = max(self._floor, self._factor * background)
+        self.threshold = max(self._floor, self._rule.factor * background)
         share = self.params.release if self._on and not ended else 1.0
         self.evidence = 0.0 if blind else response
         above = self.evidence > share * self.threshold
@@ -320,8 +309,8 @@ class Alarm:
         return self._on
 
     def _long_enough(self, above: bool, time_s: float, before_s: float) -> bool:
-        oldest = time_s - self.params.window_s
-        if self.params.enough_s:  # keep the frame before, also if frames come rarely
+        oldest = time_s - self._rule.window_s
+        if self._rule.enough_s:  # keep the frame before, also if frames come rarely
             oldest = min(oldest - _SAME_S, before_s)
         while self._above and self._above[0][0] < oldest:
             self._above.popleft()
@@ -329,7 +318,7 @@ class Alarm:
             self._above.append((time_s, time_s - before_s))
         # Evidence lasts from its first frame to its latest one: the step to the first is left out.
         lasted_s = math.fsum(lasted for _, lasted in islice(self._above, 1, None))
-        return bool(self._above) and lasted_s >= self.params.enough_s - _SAME_S
+        return bool(self._above) and lasted_s >= self._rule.enough_s - _SAME_S
 
 
 class Cuts:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.timebase import ROUNDING_S
 from oppload_cli.schema import Parameters, parameter
 
@@ -36,10 +35,14 @@ class PlaceParams(Parameters):
 
     _set: ClassVar[str] = "places"
 
-    floor: float = parameter(0.02, "least response of an object", low=0, high=1e9)
-    share: float = parameter(
-        0.2,
-        "least response of an object, as a share of the largest response of the frame",
+    floor: float | None = parameter(
+        None, "least response of an object; auto: the detector's own, 0.02 for OppLoD",
+        low=0, high=1e9,
+    )  # fmt: skip
+    share: float | None = parameter(
+        None,
+        "least response of an object, as a share of the largest response of the frame; auto: the "
+        "detector's own, 0.2 for OppLoD",
         low=0,
         high=1,
     )
@@ -66,17 +69,13 @@ class PlaceParams(Parameters):
         0.5, "largest standard error of a time to contact, as a share of it", low=0.001, high=10
     )
 
-
-# Responses under these presets are on another scale than those under preset default.
-_PLACES = {
-    **dict.fromkeys(("reference", "paper"), PlaceParams(floor=1e-6, share=0.01)),
-    "lplc2": PlaceParams(floor=1e-3, share=0.01),
-}
-
-
-def place_params(preset: str = DEFAULT_PRESET) -> PlaceParams:
-    """Return the parameters of the looming objects under a preset."""
-    return _PLACES.get(preset, PlaceParams())
+    def of(self, least_object: tuple[float, float]) -> PlaceParams:
+        """Return these parameters for a detector, whose own `floor` and `share` are given."""
+        floor, share = least_object
+        return self.replaced(
+            floor=floor if self.floor is None else self.floor,
+            share=share if self.share is None else self.share,
+        )
 
 
 class Contact:

@@ -104,7 +104,7 @@ def _peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     reaches the floor. No peak lies in the receptive field of an earlier peak.
     """
     responses = maps.responses
-    least = max(params.floor, params.share * float(responses.max()))
+    least = max(params.floor or 0.0, (params.share or 0.0) * float(responses.max()))
     tops = (
         (responses >= cv2.dilate(responses, _NEIGHBOURS)) & (responses >= least) & (responses > 0)
     )

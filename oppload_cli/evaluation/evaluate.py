@@ -16,10 +16,11 @@ from oppload_cli.errors import DetectorError, ParameterError, SourceError, Stimu
 from oppload_cli.evaluation.metrics.clips import Clip, Output, videos_of
 from oppload_cli.evaluation.metrics.intervals import DRAWS, Measurement, draws_of
 from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, Performance, measured, of_places
-from oppload_cli.models.registry import detector_named
+from oppload_cli.models.registry import detector_named, other_heights
 from oppload_cli.pipeline.analysis import pass_params, side_by_side
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
+from oppload_cli.video.frames import AUTO, pixels_of
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
@@ -136,28 +137,23 @@ def analyse_clips(
 def _analyse_video(
     entries: Sequence[Entry], detectors: Sequence[EvaluatedDetector], threads: int
 ) -> list[_Analysed]:
-    """Run detectors over the clips of one video, and decode it once for each working height.
+    """Run detectors over the clips of one video, which is decoded once.
 
     A clip that cannot be used is a fault, not an error. If `threads` is 0, the decoder chooses
     how many threads it uses.
     """
-    outputs: dict[str, Output] = {}
     try:
-        for height in dict.fromkeys(each.height for each in detectors):
-            of_height = [each for each in detectors if each.height == height]
-            with _opened(entries[0], height, threads) as video:
-                times, new_outputs = outputs_of(video, of_height)
-                outputs.update(new_outputs)
-                complete, facts = video.decode.complete, video.facts
+        with _opened(entries[0], detectors, threads) as video:
+            times, outputs = outputs_of(video, detectors)
+            complete, facts = video.decode.complete, video.facts
     # ParameterError: a picture is too wide for the working height.
     except (SourceError, StimulusError, ParameterError) as error:
         return [_Analysed(None, [str(error)]) for _ in entries]
     except DetectorError as error:  # its message does not name the file
         return [_Analysed(None, [f"{entry.label.name}: {error}"]) for entry in entries]
-    ordered = {each.name: outputs[each.name] for each in detectors}
     analysed = []
     for entry in entries:
-        clip = Clip(entry.label, times, facts.width, facts.height, ordered)
+        clip = Clip(entry.label, times, facts.width, facts.height, outputs)
         name = entry.label.name
         damage = [] if complete else [f"{name}: is damaged or cut; what could be decoded is used"]
         if unfit := _fault_of(clip):
@@ -173,12 +169,17 @@ def _analyse_video(
     return analysed
 
 
-def _opened(entry: Entry, height: int, threads: int) -> AbstractContextManager[DecodedSource]:
+def _opened(
+    entry: Entry, detectors: Sequence[EvaluatedDetector], threads: int
+) -> AbstractContextManager[DecodedSource]:
     """Open a video, or a stimulus that is drawn frame by frame."""
+    height, names = detectors[0].height, [detector.name for detector in detectors]
+    others = other_heights(names) if height == AUTO else ()
+    pixels = pixels_of(height)
     if isinstance(entry.path, Path):
         rate = entry.true_rate
-        return open_video(entry.path, height=height, true_rate=rate, threads=threads)
-    return nullcontext(StimulusVideo(entry.path, height))
+        return open_video(entry.path, height=pixels, others=others, true_rate=rate, threads=threads)
+    return nullcontext(StimulusVideo(entry.path, pixels, others=others))
 
 
 def _fault_of(clip: Clip) -> str:
@@ -201,53 +202,29 @@ def _fault_of(clip: Clip) -> str:
 def outputs_of(
     video: FrameSource, detectors: Sequence[EvaluatedDetector]
 ) -> tuple[Numbers, dict[str, Output]]:
-    """Run detectors over a video, which has the working height of all of them.
+    """Run detectors over a video.
 
     Return the presentation times of the n frames in seconds, and each detector's output by name.
     """
-    groups = _groups(detectors)
-    passes = [
-        pass_params(
-            [each.params for each in group],
-            alarm=group[0].alarm,
-            rmo=None,
-            repeats=group[0].repeats,
-            time=group[0].time,
-        )
-        for group in groups
-    ]
-    table = list(side_by_side(video, passes))
-    outputs = {
-        each.name: _output([row[index] for row in table], each)
-        for index, group in enumerate(groups)
-        for each in group
-    }
-    return np.array([record.time_s for record, *_ in table]), outputs
-
-
-def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetector]]:
-    """Group detectors that can share one pass: the same alarm, repeats and time base.
-
-    A group has no detector twice.
-    """
-    groups: list[list[EvaluatedDetector]] = []
-    for each in detectors:
-        for group in groups:
-            own, shared = ((one.alarm, one.repeats, one.time) for one in (each, group[0]))
-            if own == shared and each.detector not in {member.detector for member in group}:
-                group.append(each)
-                break
-        else:
-            groups.append([each])
-    return groups
+    first = detectors[0]  # all have the same alarm, repeats and time base
+    chosen = pass_params(
+        [detector.params for detector in detectors],
+        alarm=first.alarm,
+        rmo=None,
+        repeats=first.repeats,
+        time=first.time,
+    )
+    records = [record for (record,) in side_by_side(video, [chosen])]
+    outputs = {detector.name: _output(records, detector) for detector in detectors}
+    return np.array([record.time_s for record in records]), outputs
 
 
 def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Output:
-    name = detector.detector
+    name = detector.name
     responses = [record.responses.get(name) for record in records]
     response = np.array([each and each.response for each in responses], float)
     alarm = None
-    if detector.alarm.on:
+    if detector.alarm.rule_of(name).floor is not None:
         alarm = np.array([record.alarms.get(name, False) for record in records], bool)
     if not detector_named(name).places:
         return Output(response, response, alarm)

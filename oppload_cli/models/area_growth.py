@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Detector, Response, inner
+from oppload_cli.models.detector import AlarmRule, Detector, Response, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.schema import Parameters, parameter
 
@@ -62,7 +62,7 @@ class AreaGrowth(Detector):
     response_column = "1/frame", "growth of the size, divided by the size, at least 0"
     responses = AreaGrowthResponse
     parameters = AreaGrowthParams
-    alarm_floors: ClassVar = {"default": 0.1}
+    alarm: ClassVar = AlarmRule(0.1)
     evaluated = False
     reference = "defined here"
     answers_to = "areas that grow before a still camera, by light or by approach"

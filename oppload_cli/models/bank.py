@@ -12,19 +12,20 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from oppload_cli.errors import DetectorError, FrameError, OpploadError, ParameterError
-from oppload_cli.models.detector import INTERPOLATED, Box, UnitMaps, checked_shape
+from oppload_cli.models.detector import Box, UnitMaps, checked_shape
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.registry import detector_of, is_of_package
-from oppload_cli.models.timebase import Clock
+from oppload_cli.models.timebase import REFERENCE_INTERVAL, Clock, TimeParams
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from oppload_cli.models.detector import Detector, Response
     from oppload_cli.models.dpc import Map
-    from oppload_cli.models.timebase import TimeParams
     from oppload_cli.motion.flow import Flow
     from oppload_cli.schema import Parameters
+
+    Shape = tuple[int, int]
 
 
 class DetectorBank:
@@ -39,7 +40,9 @@ class DetectorBank:
     frame_rate : float, optional
         Frames per second of the video, if known.
     time : TimeParams, optional
-        The time base; intervals of 1/30 s if left out.
+        The time base; if left out, that of each detector.
+    shapes : mapping of str to tuple of int, optional
+        Height and width of the frames of those detectors that get others than `shape`.
 
     Attributes
     ----------
@@ -53,7 +56,7 @@ class DetectorBank:
     ParameterError
         If no detector or no list is given, or one detector is given twice.
     DetectorError
-        If a user's detector cannot be made, or its `interpolated` is not one of the two words.
+        If a user's detector cannot be made.
 
     Examples
     --------
@@ -71,6 +74,7 @@ class DetectorBank:
         params: Sequence[Parameters],
         frame_rate: float | None = None,
         time: TimeParams | None = None,
+        shapes: Mapping[str, Shape] | None = None,
     ) -> None:
         given: object = params  # a caller may give one set, in spite of the type
         if not isinstance(given, Iterable):
@@ -80,24 +84,26 @@ class DetectorBank:
         params = list(params)
         if not params:
             raise ParameterError("no model is chosen; name at least one")
-        shape = checked_shape(shape)
-        self._layers = layers = Layers(shape, Clock(time, frame_rate))
-        self._photoreceptors = layers.photoreceptors()
+        self._shape, time = checked_shape(shape), time or TimeParams()
+        # Layers by the size of the frames and the time base of the detectors that share them.
+        self._layers: dict[tuple[Shape, TimeParams], Layers] = {}
+
+        def layers_of(shape: Shape, time: TimeParams) -> Layers:
+            key = shape, time.of(REFERENCE_INTERVAL)
+            return self._layers.setdefault(key, Layers(shape, Clock(time, frame_rate)))
+
+        self._photoreceptors = layers_of(self._shape, time).photoreceptors()
         self.responded: set[str] = set()
         self._separated = False
         self.detectors: dict[str, Detector] = {}
-        for each in params:
-            kind = detector_of(each)
+        for chosen in params:
+            kind = detector_of(chosen)
             if kind.name in self.detectors:
                 raise ParameterError(f"model '{kind.name}' is given twice; name each once")
+            size = (shapes or {}).get(kind.name, self._shape)
+            layers = layers_of(size, time.of(kind.interval))
             with _errors_of(kind, "cannot be made"):
-                detector = kind(shape, each, frame_rate=frame_rate, layers=layers)
-                interpolated = detector.interpolated
-            if interpolated not in INTERPOLATED:
-                raise DetectorError(
-                    f"detector '{kind.name}': its property 'interpolated' is "
-                    f"{interpolated!r:.60}; return one of {', '.join(INTERPOLATED)}"
-                )
+                detector = kind(size, chosen, frame_rate=frame_rate, layers=layers)
             self.detectors[kind.name] = detector
 
     @property
@@ -114,7 +120,8 @@ class DetectorBank:
         """Forget all frames: the next frame is frame 0."""
         self.responded.clear()
         self._photoreceptors.reset()
-        self._layers.flow().reset()
+        for layers in self._layers.values():
+            layers.flow().reset()
         for detector in self.detectors.values():
             detector.reset()
 
@@ -144,44 +151,58 @@ class DetectorBank:
                 f"time_s must be a finite number, not {time_s}; leave it out if it is not known"
             )
         self.see(luma, time_s)
-        return self.respond(luma, time_s)
+        return self.respond({self._shape: luma}, time_s)
 
     def separate(self) -> None:
         """Separate the layers of detectors that get pictures between frames from those of others.
 
         It is called before every frame with such pictures; later calls have no effect.
         """
-        for each in self.detectors.values():
-            if each.interpolated != "none" and not self._separated:
-                with _errors_of(type(each), "its separate failed"):
-                    each.separate()
+        for detector in self.detectors.values():
+            if detector.interpolates and not self._separated:
+                with _errors_of(type(detector), "its separate failed"):
+                    detector.separate()
         self._separated = True
 
     def see(self, luma: Map, time_s: float | None) -> None:
         """Take the next frame for `photoreceptors` and `luma_change`; `respond` must follow."""
-        self._layers.clock.time_s = time_s
+        self._set_time(time_s)
         self._photoreceptors.step(luma)
+
+    def _set_time(self, time_s: float | None) -> None:
+        for layers in self._layers.values():
+            layers.clock.time_s = time_s
 
     def give(self, flow: Flow | None) -> None:
         """Set the flow of the next frame or picture; without a call the detectors measure it."""
-        self._layers.flow().give(flow)
+        for layers in self._layers.values():
+            scale = layers.shape[0] / self._shape[0]
+            layers.flow().give(flow and flow.scaled(scale))
 
     def respond(
-        self, luma: Map, time_s: float | None, between: str = ""
+        self, lumas: Mapping[Shape, Map], time_s: float | None, *, between: bool = False
     ) -> dict[str, Response | None]:
         """Return the responses to the frame that was seen, or to a picture before it.
 
-        Only detectors whose `interpolated` is the argument `between` respond to a picture between
-        frames. Other arguments and errors are those of `step`.
+        Parameters
+        ----------
+        lumas : mapping of tuple of int to ndarray of float32
+            The luminance, as for `step`, by its height and width: one for each size that a
+            detector has.
+        time_s : float or None
+            As for `step`, like the errors.
+        between : bool
+            Whether it is a picture between frames, which only some detectors get (`interpolates`).
         """
-        self._layers.clock.time_s = time_s
+        self._set_time(time_s)
         # A detector must not write into the frame, since the others get the same frame.
-        luma = luma.view()
-        luma.flags.writeable = False
+        lumas = {shape: luma.view() for shape, luma in lumas.items()}
+        for luma in lumas.values():
+            luma.flags.writeable = False
         responses = {
-            name: _response_of(each, "step", luma)
-            for name, each in self.detectors.items()
-            if between in {"", each.interpolated}
+            name: _response_of(detector, "step", lumas[detector.shape])
+            for name, detector in self.detectors.items()
+            if detector.interpolates or not between
         }
         self.responded |= {name for name, each in responses.items() if each is not None}
         return {n: self._at_rest(n) if each is None else each for n, each in responses.items()}

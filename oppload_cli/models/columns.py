@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 from oppload_cli.models.detector import Column
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-
     from oppload_cli.models.detector import Detector
 
 
@@ -100,7 +98,6 @@ def columns_of(
     *,
     details: bool = False,
     degrees: bool = False,
-    presets: Collection[str] | None = None,
 ) -> tuple[Column, ...]:
     """Return the columns of a detector: response, alarm, box (if it has places), its own columns.
 
@@ -112,19 +109,13 @@ def columns_of(
         Whether to include the inner values and the values behind the alarm (``--columns all``).
     degrees : bool
         Whether to include the columns in degrees of the strongest looming object (``--fov``).
-    presets : collection of str, optional
-        Leave out columns that exist only under other presets.
     """
     unit, meaning = detector.response_column
     alarm = f"1 while the alarm of {detector.label} is on, else 0"
     columns = [Column("response", unit, meaning), Column("alarm", "0 or 1", alarm)]
     if detector.places:
         columns += (*PLACE, *(VIEW if degrees else ()))
-    columns += [
-        column
-        for column in (*detector.columns, *(detector.details if details else ()))
-        if presets is None or not column.preset or column.preset in presets
-    ]
+    columns += (*detector.columns, *(detector.details if details else ()))
     if details:
         columns += ALARM_DETAILS if detector.places else ALARM_DETAILS[:1]
     return tuple(each._replace(name=f"{detector.name}_{each.name}") for each in columns)

@@ -13,21 +13,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.layers import Layers
-from oppload_cli.models.presets import DEFAULT_PRESET
-from oppload_cli.models.timebase import Clock
+from oppload_cli.models.timebase import REFERENCE_INTERVAL, Clock, TimeParams
 from oppload_cli.schema import Parameters, is_integer
+from oppload_cli.video.frames import WORKING_HEIGHT
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from fractions import Fraction
 
     import numpy as np
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
-
-# The pictures between frames that a detector gets: those made of the earlier frame, or none.
-INTERPOLATED = ("earlier", "none")
 
 
 def checked_shape(shape: object) -> tuple[int, int]:
@@ -77,8 +73,6 @@ class Column(NamedTuple):
         Unit of its values.
     meaning : str
         One line for the user.
-    preset : str
-        The only preset under which the table has this column; empty for all presets.
 
     Examples
     --------
@@ -90,7 +84,36 @@ class Column(NamedTuple):
     name: str
     unit: str
     meaning: str
-    preset: str = ""
+
+
+class AlarmRule(NamedTuple):
+    """The rule of a detector's alarm; :class:`~oppload_cli.AlarmParams` may change its numbers.
+
+    Attributes
+    ----------
+    floor : float or None
+        At or below this response the detector never alarms; None if it has no alarm.
+    factor : float
+        The alarm's threshold is this many times the median of the recent responses; 0: the floor
+        alone.
+    enough_s, window_s : float
+        The alarm starts when evidence was above the threshold for `enough_s` seconds within the
+        latest `window_s` seconds; 0: one frame is enough.
+    why_none : str
+        Why the detector has no alarm, if `floor` is None.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.Opplod.alarm.floor
+    0.09
+    """
+
+    floor: float | None
+    factor: float = 8.0
+    enough_s: float = 0.0
+    window_s: float = 0.0
+    why_none: str = ""
 
 
 @dataclass(frozen=True)
@@ -132,8 +155,6 @@ class UnitMaps(NamedTuple):
     ----------
     responses : ndarray of float32, shape (rows, columns)
         The response of every unit, at least 0.
-    pathways : mapping of int to ndarray of float32, shape (rows, columns)
-        The pooled S_phi at the units, by direction phi in degrees; empty without pooling.
     centres_y, centres_x : ndarray, shapes (rows,) and (columns,)
         Centres of the units in working pixels.
     field : float
@@ -150,7 +171,6 @@ class UnitMaps(NamedTuple):
     """
 
     responses: Map
-    pathways: Mapping[int, Map]
     centres_y: NDArray[np.float64]
     centres_x: NDArray[np.float64]
     field: float
@@ -197,19 +217,20 @@ class Detector(ABC):
         The class of its responses.
     parameters : type of Parameters
         The class of its parameters.
-    presets : mapping of str to Parameters
-        The detector's parameters under each preset that changes them.
-    alarm_floors : mapping of str to float
-        The floor of the alarm by preset: at or below this response the detector never alarms.
-        Presets that are not named have the floor of ``default``.
-    alarm_factor : float
-        The alarm's threshold is this many times the median of the recent responses, if
-        ``alarm.factor`` is auto; 0: the floor alone.
+    height : int
+        Working height in px for which the detector is made: it gets frames of this height, unless
+        the user states another one.
+    interval : str
+        Its time base: the value of ``time.interval``, unless the user states another one.
+    interpolates : bool
+        Whether it also gets pictures between frames that are far apart, which the flow makes of the
+        earlier frame. Such a detector separates its shared layers in `separate`.
+    alarm : AlarmRule
+        The rule of its alarm, or why it has none.
+    least_object : tuple of float
+        Least response of a looming object, and least share of the frame's largest response.
     by_default : bool
         Whether the detector runs if the user chooses none; a subclass does not inherit this.
-    variant_of : str
-        If this detector is a variant, the name of the original detector, else empty. On the command
-        line ``NAME:VARIANT`` stands for ``NAME_VARIANT``; ``all`` leaves variants out.
     evaluated : bool
         Whether `oppload evaluate` runs the detector if the user chooses none.
     year : int or None
@@ -254,11 +275,12 @@ class Detector(ABC):
     details: ClassVar[tuple[Column, ...]] = ()
     responses: ClassVar[type[Response]] = Response
     parameters: ClassVar[type[Parameters]] = Parameters
-    presets: ClassVar[Mapping[str, Parameters]] = {}
-    alarm_floors: ClassVar[Mapping[str, float]] = {DEFAULT_PRESET: 0.0}
-    alarm_factor: ClassVar[float] = 8.0
+    height: ClassVar[int] = WORKING_HEIGHT
+    interval: ClassVar[str] = REFERENCE_INTERVAL
+    interpolates: ClassVar[bool] = False
+    alarm: ClassVar[AlarmRule] = AlarmRule(0.0)
+    least_object: ClassVar[tuple[float, float]] = (0.02, 0.2)
     by_default: ClassVar[bool] = False
-    variant_of: ClassVar[str] = ""
     evaluated: ClassVar[bool] = True
     year: ClassVar[int | None] = None
     reference: ClassVar[str] = ""
@@ -285,7 +307,7 @@ class Detector(ABC):
                 f"params must be of the class {self.parameters.__name__}, such as "
                 f"parameters_of('{self.name}'), not {params!r:.60}"
             )
-        self.layers = layers or Layers(shape, Clock(frame_rate=frame_rate))
+        self.layers = layers or Layers(shape, Clock(TimeParams(interval=self.interval), frame_rate))
         self.shape, self.frame_rate = shape, None if frame_rate is None else float(frame_rate)
         self.params = (params or self.parameters()).resolved(min(shape))
 
@@ -336,16 +358,6 @@ class Detector(ABC):
         A subclass keeps the latest value of inner values that last longer than the motion.
         """
         return self.responses(0.0)
-
-    @property
-    def interpolated(self) -> str:
-        """The kind of pictures that the detector also gets between frames that are far apart.
-
-        They are interpolated from the ``earlier`` frame; ``none`` for a detector without such
-        pictures. A detector with such pictures has layers of its own, or
-        copies them in `separate`.
-        """
-        return "none"
 
     def separate(self) -> None:  # noqa: B027
         """Replace layers that it shares by copies of its own.

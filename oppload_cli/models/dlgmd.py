@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.compute.loops import with_twin
-from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.detector import AlarmRule, Column, Detector, Response
 from oppload_cli.models.dpc import DpcParams, excitation, referred
 from oppload_cli.schema import parameter
 
@@ -135,7 +135,7 @@ class Dlgmd(Detector):
     columns = (Column("s", "", "mean over the frame of S, the presynaptic sum of D-LGMD"),)
     responses = DlgmdResponse
     parameters = DlgmdParams
-    alarm_floors: ClassVar = {"default": 0.01}
+    alarm: ClassVar = AlarmRule(0.01)
     by_default = True
     warm_up = 3  # S needs P now, one and two intervals ago
 

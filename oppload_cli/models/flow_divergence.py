@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Detector, Response
+from oppload_cli.models.detector import AlarmRule, Detector, Response
 from oppload_cli.models.dpc import check_frame
 from oppload_cli.schema import Parameters, parameter
 
@@ -88,7 +88,7 @@ class FlowDivergence(Detector):
     unit = "1/frame"
     response_column = "1/frame", "largest mean divergence of optical flow over a window"
     parameters = FlowDivergenceParams
-    alarm_floors: ClassVar = {"default": 0.3}
+    alarm: ClassVar = AlarmRule(0.3)
     least_size = 16, 16  # inverse search refuses smaller frames
 
     params: FlowDivergenceParams

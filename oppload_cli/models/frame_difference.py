@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from oppload_cli.models.detector import Detector, Response
+from oppload_cli.models.detector import AlarmRule, Detector, Response
 from oppload_cli.schema import Parameters
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class FrameDifference(Detector):
     unit = "mean of P"
     response_column = "0 to 1", "mean over the frame of P, the absolute luminance change"
     parameters = FrameDifferenceParams
-    alarm_floors: ClassVar = {"default": 0.05}
+    alarm: ClassVar = AlarmRule(0.05)
 
     def __init__(
         self, shape: tuple[int, int], params: FrameDifferenceParams | None = None, **others: Any

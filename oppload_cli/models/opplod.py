@@ -1,60 +1,124 @@
-"""OppLoD, the opponency based looming detector (``docs/model.md``, sections 4 and 5)."""
+"""OppLoD for cameras: the opponent units and the growth of the optical flow must agree.
+
+Both measure an approach, in different ways: the units respond to edges that move apart, fast, at
+once; the growth says how fast everything about a place becomes larger, for a tenth of a second
+(:mod:`oppload_cli.motion.growth`). Their errors are different, so that their product is right more
+often than either (``docs/footage.md``).
+"""
 
 from __future__ import annotations
 
-from copy import deepcopy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from oppload_cli.models.agreement import AgreementJudgement
-from oppload_cli.models.arms import ArmsJudgement
-from oppload_cli.models.detector import Column, Detector
-from oppload_cli.models.opplod_parameters import OpplodParams, OpplodResponse
-from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
+import cv2
+import numpy as np
+
+from oppload_cli.models.detector import AlarmRule, Column, Response
+from oppload_cli.models.opplod_reference import (
+    OpplodReference,
+    OpplodReferenceParams,
+    enhanced,
+)
 from oppload_cli.motion.flow import SHORTEST_SIDE
+from oppload_cli.motion.growth import RadialGrowth
+from oppload_cli.schema import parameter
 
 if TYPE_CHECKING:
     from typing import Any
 
-    from oppload_cli.models.detector import UnitMaps
     from oppload_cli.models.dpc import Map
 
-# The paper's model, made to work at any frame rate, without the growth that `default` adds.
-_REFERENCE = OpplodParams(judgement="pooled")
-
-# Tuned to LPLC2 neurons (``docs/lplc2.md``): fields of 60 degrees on displays of 72 degrees.
-_LPLC2 = _REFERENCE.replaced(
-    judgement="arms",
-    axes=0,
-    kernel_height=240,
-    field_share=5 / 6,
-    cell_share=11 / 240,
-    pool_sigma=0.5,
-    arm_cone=87.0,
-    suppression_cone=35.5,
-    suppression_field=1.07,
-    inward=35.0,
-    lateral=11.5,
-    surround=0.45,
-    suppression_s=0.12,
-    half_saturation=7e-4,
-    saturation=0.92,
-    threshold=0.65,
-    arm_power=0.75,
-    calcium_s=1.0,
-)
+# Growth in 1/s that is assumed where no flow can be measured: then an alarm needs a response of the
+# units that is about as large as that of ``opplod_reference``.
+_ASSUMED_GROWTH = 0.26
 
 
-class Opplod(Detector):
-    """The OppLoD model; arguments as :class:`~oppload_cli.models.detector.Detector`.
+@dataclass(frozen=True, kw_only=True)
+class OpplodParams(OpplodReferenceParams):
+    """Parameters of OppLoD with growth (``docs/model.md``, sections 4 and 5; ``docs/footage.md``).
 
-    Give `frame_rate`, because without it each frame counts as 1/30 s.
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.OpplodParams().replaced(gain=2).gain
+    2.0
+    """
+
+    growth_share: float = parameter(
+        0.3,
+        "side of the window in which growth is measured, as a share of the working height; the "
+        "focus of expansion may be about as far from its middle",
+        low=0.05,
+        high=1,
+    )
+    growth_memory_s: float = parameter(
+        0.1, "time constant with which growth is followed along its motion", low=0, high=10
+    )
+    opponency_weight: float = parameter(
+        0.15, "exponent of the units' response in its product with the growth", low=0, high=10
+    )
+    opponency_floor: float = parameter(
+        1e-6,
+        "added to the opponent units' response, so that units which do not see an object, as "
+        "before a ground that moves, lower the product only to a limit",
+        low=1e-12,
+        high=1e9,
+    )
+
+
+@dataclass(frozen=True)
+class OpplodResponse(Response):
+    """The response of OppLoD to one frame.
 
     Attributes
     ----------
-    judgement : PooledJudgement, AgreementJudgement, PixelwiseJudgement or ArmsJudgement
-        The opposing motion judgement that the parameters ask for.
+    response : float
+        The largest product of growth and opponency, at least 0.
+    box : Box or None
+        Receptive field of the unit at this place in working pixels. The box may reach over the
+        frame's edge. None if the response is 0.
+    opponency : float
+        First witness: the largest enhanced response of the units around the place, ``c2 R^2``.
+    growth : float or None
+        Second witness: growth at the place in 1/s, at least 0; None where no flow can be measured.
 
-    Source: the OppLoD paper; ``docs/model.md``, sections 1, 2, 4 and 5.
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.OpplodResponse(0.5, opponency=0.7).opponency
+    0.7
+    """
+
+    opponency: float = 0.0
+    growth: float | None = None
+
+
+def evidence(growth: Map, opponency: Map, params: OpplodParams) -> Map:
+    """Return ``A (c2 R^2 + R_0)^k``, what both measurements say together.
+
+    Its logarithm is the sum of both logarithms with the weights 1 and k, as in a likelihood ratio.
+
+    Parameters
+    ----------
+    growth : ndarray of float32
+        A, in 1/s, at least 0.
+    opponency : ndarray of float32
+        ``c2 R^2``, the enhanced response of the units, at least 0.
+    params : OpplodParams
+        `opponency_floor` is R_0, and `opponency_weight` is k.
+    """
+    floor = np.float32(params.opponency_floor)
+    units = (opponency + floor) ** np.float32(params.opponency_weight)
+    return np.asarray(growth * units, np.float32)
+
+
+class Opplod(OpplodReference):
+    """The OppLoD model with growth; arguments as :class:`~oppload_cli.models.detector.Detector`.
+
+    Give `frame_rate`, because without it each frame counts as 1/30 s.
+
+    Source: the OppLoD paper; ``docs/model.md``, sections 1, 2, 4 and 5; ``docs/footage.md``.
 
     Examples
     --------
@@ -69,59 +133,29 @@ class Opplod(Detector):
     name = "opplod"
     label = "OppLoD"
     colour = "#D55E00"
-    year = 2023
-    reference = "Shuang et al., OppLoD, arXiv:2302.10284"
     answers_to = "edges that move outward from a centre on opposite sides, where the flow grows too"
-    made_for = "240 px high, 30 frames/s; other rates by its presentation times"
     cost_ms = 2.6
-    meaning = "OppLoD: DPC, directional inhibition, opponency, enhancing, growth"
-    response_column = (
-        "",
-        "response of OppLoD: under preset default the growth times a power of the units' enhanced "
-        "response, else the enhanced response; empty during warm-up",
-    )
+    meaning = "for cameras: OppLoD's opponent units and the growth of the flow must agree"
+    response_column = "", "growth times a power of the units' response; empty during warm-up"
     responses = OpplodResponse
     parameters = OpplodParams
-    presets: ClassVar = {
-        "reference": _REFERENCE,
-        "paper": _REFERENCE.replaced(
-            judgement="pixelwise",
-            interpolated="none",
-            receptive_field=200,
-            cell=1,
-            pool_sigma=0.0,
-            periphery=0.0,
-            history=0.0,
-            units="5x5",
-        ),
-        "lplc2": _LPLC2,
-    }
-    alarm_floors: ClassVar = {"default": 0.09, "reference": 8e-4}
-    alarm_factor = 0.0  # the growth of a scene that always moves does not reach the floor
+    # The growth of a scene that always moves does not reach the floor: no background is needed.
+    alarm: ClassVar = AlarmRule(0.09, factor=0.0)
+    least_object: ClassVar = 0.02, 0.2
     by_default = True
-    warm_up = 3  # S needs P now, one and two intervals ago
     columns: ClassVar = (
         Column(
             "growth",
             "1/s",
             "second witness: growth of what is at the place; empty where no flow can be measured",
-            "default",
         ),
         Column(
             "opponency",
             "",
             "first witness: largest enhanced response of the units whose fields reach the place",
-            "default",
-        ),
-        Column(
-            "calcium",
-            "",
-            "response as a calcium indicator shows it: the largest low-passed response of a unit",
-            "lplc2",
         ),
     )
     witnesses = "growth", "opponency"
-    places = True
 
     params: OpplodParams
 
@@ -129,70 +163,59 @@ class Opplod(Detector):
         self, shape: tuple[int, int], params: OpplodParams | None = None, **others: Any
     ) -> None:
         super().__init__(shape, params, **others)
-        own, clock = self.params, self.layers.clock
-        self._dpc = self.layers.dpc(own, own.both_axes)
-        self._measured = min(shape) >= SHORTEST_SIDE
-        self.judgement: PooledJudgement | AgreementJudgement | PixelwiseJudgement | ArmsJudgement
-        if own.judgement == "agreement":
-            self.judgement = AgreementJudgement(shape, own, clock.per_second)
-        elif own.judgement == "pooled":
-            self.judgement = PooledJudgement(shape, own, clock.per_second)
-        elif own.judgement == "arms":
-            self.judgement = ArmsJudgement(shape, own, clock.per_second)
-        else:
-            self.judgement = PixelwiseJudgement(shape, own)
+        self._measured = min(self.shape) >= SHORTEST_SIDE
+        # A unit's receptive field reaches a place if it is at most half a field away.
+        reach = int(self.params.field_px / 2 // self.params.cell_px)
+        self._field = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+        self._begin_growth()
 
-    @property
-    def interpolated(self) -> str:
-        """The pictures in between that it gets, as its parameters say."""
-        return self.params.interpolated
-
-    def separate(self) -> None:
-        """Replace shared layers by copies of its own."""
-        clock = self.layers.clock
-        self._dpc = deepcopy(self._dpc, {id(clock): clock})  # all layers keep the same clock
-
-    @property
-    def units(self) -> UnitMaps:
-        """The units at the latest frame."""
-        return self.judgement.maps
-
-    @property
-    def maps(self) -> dict[str, Map]:
-        """P, E, I, S and S_phi (``S_45`` ...) of the latest frame, shape (height, width)."""
-        return self._dpc.layer.maps
-
-    @property
-    def pathways(self) -> dict[int, Map]:
-        """S_phi of the latest frame, shape (height, width), by direction phi in degrees."""
-        return self._dpc.layer.sums.pathways
+    def _begin_growth(self) -> None:
+        params = self.params
+        rows, columns = self.units.responses.shape
+        side = params.growth_share * min(self.shape)
+        self._growth = RadialGrowth(self.shape, (rows, columns), side, params.growth_memory_s)
+        self._elapsed = 0.0  # intervals since the latest flow
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._dpc.reset()
+        super().reset()
         self.layers.flow().reset()
-        self.judgement.reset()
+        self._begin_growth()
 
     def at_rest(self) -> OpplodResponse:
-        """Return the response, 0, to a frame in which nothing changed.
+        """Return the response, 0, to a frame in which nothing changed."""
+        return OpplodResponse(0.0, growth=0.0 if self._measured else None)
 
-        The calcium signal keeps its latest value, so that it does not change during a few repeats.
-        In a scene at rest it falls, because then the detector gets every frame.
-        """
-        judgement = self.judgement
-        calcium = judgement.calcium if isinstance(judgement, ArmsJudgement) else None
-        growth = 0.0 if isinstance(judgement, AgreementJudgement) and self._measured else None
-        return OpplodResponse(0.0, growth=growth, calcium=calcium)
-
-    def step(self, luma: Map) -> OpplodResponse | None:
+    def step(self, luma: Map) -> OpplodResponse | None:  # type: ignore[override]
         """Take the next frame: MDE, OMJ, enhancing, and growth.
 
         The result is None until frames have been compared over three intervals.
         """
-        frames, judgement = self._dpc.frames, self.judgement
+        frames = self._dpc.frames
         ready = self._dpc.step(luma)
-        if not isinstance(judgement, AgreementJudgement):
-            return judgement.judge(self._dpc.layer) if ready else None
-        elapsed = self._dpc.layer.photoreceptors.elapsed if frames else 0.0
-        judgement.see(self.layers.flow().of(luma, frames), elapsed)
-        return judgement.respond(self._dpc.layer, measured=self._measured) if ready else None
+        dpc = self._dpc.layer
+        self._elapsed += dpc.photoreceptors.elapsed if frames else 0.0
+        # Frames without a flow of their own are the first one, and pictures between frames.
+        flow = self.layers.flow().of(luma, frames)
+        if flow is not None and flow.vectors.size:
+            self._growth.step(flow, self._elapsed / self.layers.clock.per_second)
+            self._elapsed = 0.0
+        return self._agreed(self._opponency(dpc)) if ready else None
+
+    def _agreed(self, opponency: Map) -> OpplodResponse:
+        """Return the largest product of growth and opponency, at the place of the growth."""
+        params = self.params
+        responses = enhanced(opponency, params.gain, params.threshold)
+        around = np.asarray(cv2.dilate(responses, self._field), np.float32)
+        growth = self._growth.growth
+        if not self._measured:  # frames of this size have no flow: the units alone are the evidence
+            growth = np.float32(_ASSUMED_GROWTH) * (responses > 0)
+        product = evidence(growth, around, params) * self._units.selected
+        self._units.respond(product)
+        row, column = divmod(int(product.argmax()), product.shape[1])
+        response = float(product[row, column])
+        box = self.units.box(row, column) if response else None
+        largest = float(around[row, column] if response else responses.max())
+        return OpplodResponse(
+            response, box, largest, float(growth[row, column]) if self._measured else None
+        )

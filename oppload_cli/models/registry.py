@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Mapping
 from dataclasses import Field, make_dataclass
 from hashlib import sha256
 from importlib import import_module
@@ -20,11 +19,12 @@ from typing import TYPE_CHECKING, Any, Literal, cast, overload
 from oppload_cli.errors import OpploadError, ParameterError, faults_at, suggestion
 from oppload_cli.models import LOAD
 from oppload_cli.models.columns import COMMON, RMO, columns_of
-from oppload_cli.models.detector import Column, Detector
+from oppload_cli.models.detector import AlarmRule, Column, Detector
 from oppload_cli.models.dlgmd import Dlgmd
 from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_named
-from oppload_cli.schema import Parameters
+from oppload_cli.models.timebase import TimeParams
+from oppload_cli.schema import Parameters, is_integer
+from oppload_cli.video.frames import HIGHEST, WORKING_HEIGHT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
 
     from oppload_cli.models.dlgmd import DlgmdParams
-    from oppload_cli.models.opplod_parameters import OpplodParams
+    from oppload_cli.models.opplod import OpplodParams
 
 
 # No detector may have these names: they mean something else in settings and tables.
@@ -40,24 +40,33 @@ _TAKEN_NAMES = {
     *("alarm", "places", "rmo", "repeats", "time"),
     *("preset", "models", "height", "measure_rmo", "fov", "columns", "all"),
 }
-_TEXTS = "label", "colour", "meaning", "unit", "variant_of", "reference", "answers_to", "made_for"
+_TEXTS = "label", "colour", "meaning", "unit", "reference", "answers_to", "made_for", "interval"
 # The types of a detector's attributes, and their names in messages.
 _ATTRIBUTES: dict[str, tuple[Any, str]] = {
     **dict.fromkeys(_TEXTS, (str, "a text")),
-    **dict.fromkeys(("by_default", "evaluated", "places"), (bool, "True or False")),
+    **dict.fromkeys(("by_default", "evaluated", "places", "interpolates"), (bool, "True or False")),
     "warm_up": (int, "a whole number"),
     "year": (int | None, "a whole number or None"),
     "cost_ms": (int | float | None, "a number or None"),
-    "alarm_floors": (Mapping, "floors by the names of presets"),
-    "presets": (Mapping, "parameters by the names of presets"),
+    "alarm": (AlarmRule, "an AlarmRule"),
 }
-ALL, _LITERAL = "all", "literal"  # words with a special meaning in `names_of`
+ALL = "all"  # the word for all detectors in `names_of`
+# Presets of versions before 1.0, and the detectors that took their places.
+_GONE = {
+    "default": "opplod",
+    "reference": "opplod_reference",
+    "paper": "opplod_paper",
+    "lplc2": "opplod_lplc2",
+}
 
 # The class of each detector that runs by default. The others are given as module and class, and
 # imported when they are first needed: to import all would take a tenth of a run's start-up time.
 _detectors: dict[str, type[Detector] | str] = {
     "opplod": Opplod,
     "dlgmd": Dlgmd,
+    "opplod_reference": "models.opplod_reference:OpplodReference",
+    "opplod_paper": "models.opplod_paper:OpplodPaper",
+    "opplod_lplc2": "models.opplod_lplc2:OpplodLplc2",
     "frame_difference": "models.frame_difference:FrameDifference",
     "flow_divergence": "models.flow_divergence:FlowDivergence",
     "ttc_gradient": "models.ttc_gradient:TtcGradient",
@@ -227,8 +236,6 @@ def _check_class(detector: type[Detector]) -> str:
         raise ParameterError(f"{where}: its colour must be written as #RRGGBB")
     if not getattr(detector, "label", "") or not getattr(detector, "meaning", ""):
         raise ParameterError(f"{where}: it needs a label and a meaning")
-    if DEFAULT_PRESET not in detector.alarm_floors:
-        raise ParameterError(f"{where}: its alarm_floors need a floor of '{DEFAULT_PRESET}'")
     for title in ("columns", "details"):
         columns = getattr(detector, title)
         if not isinstance(columns, tuple) or not all(isinstance(one, Column) for one in columns):
@@ -246,14 +253,7 @@ def _check_parameters(detector: type[Detector], where: str) -> None:
             )
     with faults_at(where):
         detector.parameters()  # raises the error of a wrong declaration or default
-        for preset in (*detector.presets, *detector.alarm_floors):
-            preset_named(preset)
-    for kind in map(type, detector.presets.values()):
-        if kind is Parameters or not issubclass(detector.parameters, kind):
-            raise ParameterError(
-                f"{where}: its presets must be of the class of its parameters, "
-                f"{detector.parameters.__name__}, or of one that this class extends"
-            )
+        TimeParams(interval=detector.interval)
 
 
 def _check_types(detector: type[Detector], where: str) -> None:
@@ -261,9 +261,18 @@ def _check_types(detector: type[Detector], where: str) -> None:
         value = getattr(detector, attribute, "")
         if not isinstance(value, kinds):
             raise ParameterError(f"{where}: its {attribute} must be {words}, not {value!r:.60}")
-    floors: Iterable[object] = detector.alarm_floors.values()
-    if not all(isinstance(each, int | float) and each >= 0 for each in floors):
-        raise ParameterError(f"{where}: its alarm_floors must be numbers of at least 0")
+    height: object = detector.height  # a user's detector may ignore the types
+    if not is_integer(height, 1) or detector.height > HIGHEST:
+        raise ParameterError(
+            f"{where}: its working height must be a whole number of 1 to {HIGHEST} pixels, not "
+            f"{height!r:.60}"
+        )
+    rule = detector.alarm
+    numbers: list[Any] = [number for number in rule[:4] if number is not None]
+    if not all(isinstance(number, int | float) and number >= 0 for number in numbers):
+        raise ParameterError(f"{where}: its alarm must have numbers of at least 0, not {rule}")
+    if rule.floor is None and not rule.why_none:
+        raise ParameterError(f"{where}: its alarm has no floor; say why in why_none")
 
 
 def _is_again(known: type[Detector], detector: type[Detector]) -> bool:
@@ -345,32 +354,37 @@ def detector_named(name: str) -> type[Detector]:
 def names_of(text: str) -> tuple[str, ...]:
     """Return the names of the detectors in a value of ``--model``.
 
-    `text` is ``NAME``, ``NAME:VARIANT`` (``NAME:literal`` is NAME itself), ``NAME:PRESET``,
-    ``all`` or ``all:PRESET``, or several of these with commas between them. Other names are a
+    `text` is ``NAME`` or ``all``, or several of these with commas between them. Other names are a
     ParameterError.
     """
-    parts = [part.strip().partition(":") for part in text.split(",")]
-    names = chain.from_iterable(_named(name, variant) for name, _, variant in parts)
-    return tuple(dict.fromkeys(names))
+    names: dict[str, None] = {}
+    for part in map(str.strip, text.split(",")):
+        name, colon, version = part.partition(":")
+        if colon and (version in _GONE or f"{name}_{version}" in _detectors):
+            raise preset_is_gone(version, name)
+        names |= dict.fromkeys(_detectors if part == ALL else [detector_named(part).name])
+    return tuple(names)
 
 
-def _named(name: str, variant: str) -> list[str]:
-    """Return the detectors that a name with a variant, with a preset or with neither means."""
-    if name == ALL:
-        if variant:
-            preset_named(variant)  # raises the error of an unknown preset
-        return [each for each, detector in detectors().items() if not detector.variant_of]
-    detector_named(name)
-    candidates = [each for each in _detectors if each.startswith(f"{name}_")]
-    variants = [each for each in candidates if detector_named(each).variant_of == name]
-    if f"{name}_{variant}" in variants:
-        return [f"{name}_{variant}"]
-    if not variant or variant in PRESETS or (variants and variant == _LITERAL):
-        return [name]
-    if not variants:
-        preset_named(variant)  # raises the error of an unknown preset
-    known = [_LITERAL, *(each.removeprefix(f"{name}_") for each in variants)]
-    raise ParameterError(f"model '{name}' has no variant '{variant}': it has {' and '.join(known)}")
+def preset_is_gone(preset: str, name: str = "opplod") -> ParameterError:
+    """Return the error for a preset of an earlier version, which names the detector to choose."""
+    own = f"{name}_{preset}"
+    instead = own if own in _detectors else _GONE.get(preset, "") if name == "opplod" else name
+    if not instead:
+        return ParameterError(
+            f"there are no presets since 1.0, and no model '{own}'; choose a model with --model "
+            "(in Python models), as 'oppload models' lists them"
+        )
+    return ParameterError(
+        f"presets are models of their own since 1.0: in place of '{preset}' write --model "
+        f"{instead} (in Python models=['{instead}'])"
+    )
+
+
+def other_heights(names: Iterable[str]) -> tuple[int, ...]:
+    """Return the working heights in px of some detectors that differ from the usual one."""
+    heights = {detector_named(name).height for name in names}
+    return tuple(sorted(heights - {WORKING_HEIGHT}))
 
 
 def placing_detector(names: Iterable[str]) -> type[Detector] | None:
@@ -388,47 +402,46 @@ def detector_of(params: Parameters) -> type[Detector]:
 
 
 @overload
-def parameters_of(name: Literal["opplod"], preset: str = ...) -> OpplodParams: ...
+def parameters_of(name: Literal["opplod"]) -> OpplodParams: ...
 @overload
-def parameters_of(name: Literal["dlgmd"], preset: str = ...) -> DlgmdParams: ...
+def parameters_of(name: Literal["dlgmd"]) -> DlgmdParams: ...
 @overload
-def parameters_of(name: str, preset: str = ...) -> Parameters: ...
-def parameters_of(name: str, preset: str = DEFAULT_PRESET) -> Parameters:
-    """Return the parameters of a detector under a preset.
+def parameters_of(name: str) -> Parameters: ...
+def parameters_of(name: str) -> Parameters:
+    """Return the default parameters of a detector.
 
     Parameters
     ----------
     name : str
         Name of the detector, as in ``oppload models``.
-    preset : str
-        Name of the preset.
 
     Raises
     ------
     ParameterError
-        If a name is unknown; the message suggests the nearest one.
+        If the name is unknown; the message suggests the nearest one.
 
     Examples
     --------
     >>> import oppload_cli as oppload
-    >>> oppload.parameters_of("opplod", "paper").receptive_field
+    >>> oppload.parameters_of("opplod_paper").receptive_field
     200
     """
+    return detector_named(name).parameters()
+
+
+def least_response_of(name: str) -> float:
+    """Return the least response of a detector that means something: its alarm's floor.
+
+    Without an alarm it is the least response of an object.
+    """
     detector = detector_named(name)
-    changed = detector.presets.get(preset_named(preset).name, Parameters())
-    # The presets of a detector that extends another one may be those of that one.
-    return detector.parameters(**changed.as_dict())
+    floor = detector.alarm.floor
+    return detector.least_object[0] if floor is None else floor
 
 
-def alarm_floor_of(name: str, preset: str = DEFAULT_PRESET) -> float:
-    """Return the response at or below which a detector never alarms, under a preset."""
-    floors = detector_named(name).alarm_floors
-    return floors.get(preset, floors[DEFAULT_PRESET])
-
-
-def is_rounding_error(response: float, floor: float) -> bool:
-    """Return whether a response is less than a millionth of an alarm's floor."""
-    return response < 1e-6 * floor
+def is_rounding_error(response: float, least: float) -> bool:
+    """Return whether a response is less than a millionth of the least that means something."""
+    return response < 1e-6 * least
 
 
 def _column_names(detector: type[Detector]) -> tuple[str, ...]:

@@ -16,10 +16,10 @@ from fractions import Fraction
 from numbers import Real
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.presets import DEFAULT_PRESET, REFERENCE_INTERVAL, preset_named
 from oppload_cli.schema import Parameters, parameter
 
 FRAME = "frame"
+REFERENCE_INTERVAL = "1/30"  # seconds
 _REFERENCE_S = Fraction(REFERENCE_INTERVAL)
 _SHORTEST_S, _LONGEST_S = Fraction("0.0001"), Fraction(10)  # exact, as the values are
 ROUNDING = 0.03  # share of an interval: times in files are rounded, often to milliseconds
@@ -33,20 +33,21 @@ _MOST_VALUES = 1 << 14  # largest number of values of a background, if the times
 class TimeParams(Parameters):
     """The time base (``docs/time.md``)."""
 
-    interval: str = parameter(
-        REFERENCE_INTERVAL,
-        "step of the models in seconds, such as 1/30 or 0.04; 'frame': one step per frame",
+    interval: str | None = parameter(
+        None,
+        "step of the models in seconds, such as 1/30 or 0.04; 'frame': one step per frame; auto: "
+        "each detector's own, 1/30 s of all but opplod_paper, which counts frames",
         unit="s",
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.interval != FRAME:
+        if self.interval not in {None, FRAME}:
             self._seconds()
 
     def _seconds(self) -> Fraction:
         try:
-            seconds = Fraction(self.interval)
+            seconds = Fraction(self.interval or REFERENCE_INTERVAL)
         except (ValueError, ZeroDivisionError):
             seconds = Fraction(0)
         if not _SHORTEST_S <= seconds <= _LONGEST_S:
@@ -58,13 +59,12 @@ class TimeParams(Parameters):
 
     @property
     def per_second(self) -> float | None:
-        """Intervals per second; None if each frame is one interval."""
+        """Intervals per second, 30 if `interval` is auto; None if each frame is one interval."""
         return None if self.interval == FRAME else float(1 / self._seconds())
 
-
-def time_params(preset: str = DEFAULT_PRESET) -> TimeParams:
-    """Return the time base under a preset: frames for ``paper``, 1/30 s for the others."""
-    return TimeParams(interval=preset_named(preset).interval)
+    def of(self, interval: str) -> TimeParams:
+        """Return the time base of a detector whose own one is `interval`."""
+        return self if self.interval else TimeParams(interval=interval)
 
 
 class Clock:

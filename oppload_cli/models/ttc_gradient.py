@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Box, Detector, Response, inner
+from oppload_cli.models.detector import AlarmRule, Box, Detector, Response, inner
 from oppload_cli.models.dpc import check_frame
 from oppload_cli.schema import Parameters, parameter
 
@@ -79,7 +79,7 @@ class TtcGradient(Detector):
     response_column = "1/frame", "expansion of the best window, weighted with its r2"
     responses = TtcGradientResponse
     parameters = TtcGradientParams
-    alarm_floors: ClassVar = {"default": 0.1}
+    alarm: ClassVar = AlarmRule(0.1)
     evaluated = False
     year = 2007
     reference = "Horn, Fang and Masaki, IEEE Intelligent Vehicles"

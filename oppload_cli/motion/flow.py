@@ -42,7 +42,7 @@ class Flow(NamedTuple):
         if the frame is too small.
     change : ndarray of float32, shape (rows, columns)
         Absolute change of the mean luminance of each sample, 0 to 1.
-    side : int
+    side : float
         Side of a sample in px of the working frame.
     passed_s : float
         Time between both pictures in seconds, above 0.
@@ -50,8 +50,14 @@ class Flow(NamedTuple):
 
     vectors: Luma
     change: Luma
-    side: int
+    side: float
     passed_s: float
+
+    def scaled(self, factor: float) -> Flow:
+        """Return the same flow in px of a frame that is `factor` times as large."""
+        if factor == 1:
+            return self
+        return self._replace(vectors=self.vectors * np.float32(factor), side=self.side * factor)
 
 
 class MotionVectors(NamedTuple):

@@ -12,18 +12,17 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from oppload_cli.detection.alarm import AlarmParams, alarm_params_with
-from oppload_cli.detection.contact import PlaceParams, place_params
+from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.errors import FrameError, ParameterError, counted
 from oppload_cli.models.detector import checked_shape
-from oppload_cli.models.presets import (
-    DEFAULT_PRESET,
-    PRESETS,
-    parse_height,
-    preset_named,
-    stated_preset,
+from oppload_cli.models.registry import (
+    default_names,
+    detector_of,
+    names_of,
+    other_heights,
+    parameters_of,
 )
-from oppload_cli.models.registry import default_names, detector_of, names_of, parameters_of
-from oppload_cli.models.timebase import TimeParams, time_params
+from oppload_cli.models.timebase import TimeParams
 from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.pipeline.one_pass import DetectorPass, PassParams, Preparation
 from oppload_cli.pipeline.repeats import RepeatParams, Repeats
@@ -31,12 +30,16 @@ from oppload_cli.pipeline.sources import ArrayLuminance, open_source
 from oppload_cli.processes.threads import Prefetch
 from oppload_cli.schema import Parameters
 from oppload_cli.video.frames import (
+    AUTO,
     MAX_PIXELS,
     Frame,
     InputFacts,
     WorkingSize,
     frames_ahead,
     max_pixels,
+    other_sizes,
+    parse_height,
+    pixels_of,
     sizes_in_words,
     too_large,
 )
@@ -73,7 +76,7 @@ class Analysis:
     shape : tuple of int
         Height and width of the frames in pixels.
     models : sequence of str or Parameters, optional
-        As for :func:`analyse`, like `preset`, `height`, `alarm`, `places`, `repeats` and `time`.
+        As for :func:`analyse`, like `height`, `alarm`, `places`, `repeats` and `time`.
     rate : float or Fraction, optional
         Frames per second, if known. Most detectors use the time of each frame; those that count
         frames use the rate.
@@ -106,7 +109,6 @@ class Analysis:
         shape: tuple[int, int],
         models: Sequence[Parameters | str] | None = None,
         *,
-        preset: str | None = None,
         rate: float | Fraction | None = None,
         height: int | str | None = None,
         alarm: AlarmParams | None = None,
@@ -123,18 +125,20 @@ class Analysis:
                 f"smaller frames, or set {MAX_PIXELS} higher"
             )
         chosen = pass_params(
-            models, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
+            models, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
         )
         facts = InputFacts("frames", "array", columns, rows, checked_rate(rate), None)
-        pixels = parse_height(preset_named(chosen.preset).height if height is None else height)
-        working = WorkingSize.of(facts, pixels)
+        size = parse_height(AUTO if height is None else height)
+        working = WorkingSize.of(facts, pixels_of(size))
+        names = [detector_of(params).name for params in chosen.params]
+        others = other_sizes(facts, working, other_heights(names) if size == AUTO else ())
         optics = None if fov is None else Optics.of_fov(columns, rows, parse_fov(fov))
         self._shape, self._working = (rows, columns), working
-        names = ", ".join(detector_of(each).name for each in chosen.params)
-        self._description = f"{sizes_in_words(facts, working)}, preset {chosen.preset}, {names}"
+        self._description = f"{sizes_in_words(facts, working)}, {', '.join(names)}"
         self._luminance = ArrayLuminance(working)
+        self._others = {size.shape: ArrayLuminance(size) for size in others}
         self._preparation = Preparation(chosen, facts.frame_rate)
-        self._detectors = DetectorPass(working, facts, chosen, optics)
+        self._detectors = DetectorPass(working, others, facts, chosen, optics)
         self._count, self._first_s = 0, 0.0  # number of frames so far, and the time of the first
         self._lock = threading.Lock()
 
@@ -208,10 +212,12 @@ class Analysis:
             )
         if not count:
             self._first_s = float(time_s)
-        luma = self._luminance(values, f"frame {count}")
+        name = f"frame {count}"
+        luma = self._luminance(values, name)
+        others = {shape: convert(values, name) for shape, convert in self._others.items()}
         self._count += 1
-        prepared = self._preparation.step(Frame(count, float(time_s) - self._first_s, luma))
-        return self._detectors.step(prepared)
+        taken = Frame(count, float(time_s) - self._first_s, luma, others=others)
+        return self._detectors.step(self._preparation.step(taken))
 
     @property
     def remarks(self) -> list[str]:
@@ -261,7 +267,6 @@ def analyse(
     source: Source,
     models: Sequence[Parameters | str] | None = None,
     *,
-    preset: str | None = None,
     rate: float | Fraction | None = None,
     times: Times | None = None,
     height: int | str | None = None,
@@ -279,17 +284,15 @@ def analyse(
     source : str, Path, FrameSource, Protocol or array
         As for :func:`oppload_cli.open_source`; an open video is not closed.
     models : sequence of str or Parameters, optional
-        The detectors: names, such as ``["opplod", "lgmd2"]``, which have the parameters of the
-        preset, or sets of parameters, such as ``[OpplodParams(gain=2)]``. OppLoD and D-LGMD if left
-        out.
-    preset : str, optional
-        Name of the preset, which also gives the alarm and the working height. If left out, the
-        preset of a name such as ``opplod:paper``, that which has exactly these sets of `models`, or
-        else ``default``.
-    rate, times, height
+        The detectors: names, such as ``["opplod", "opplod_paper"]``, or sets of parameters, such as
+        ``[OpplodParams(gain=2)]``. OppLoD and D-LGMD if left out.
+    rate, times
         As for :func:`oppload_cli.open_source`.
+    height : int or str, optional
+        Working height in pixels for all detectors, or ``native``. If left out, each detector gets
+        its own, and the frames themselves are measured at 240.
     alarm : AlarmParams, optional
-        Parameters of all alarms; if left out, those of the preset.
+        Parameters of all alarms; if left out, the detectors' own.
     places : PlaceParams or bool, optional
         Parameters of the looming objects, or whether to look for them. If False, the alarms have no
         time to contact.
@@ -298,7 +301,7 @@ def analyse(
     repeats : RepeatParams or Repeats, optional
         How to handle repeats. A `Repeats` object knows the cadence after the pass.
     time : TimeParams, optional
-        The time base; if left out, that of the preset.
+        The time base; if left out, that of each detector.
     fov : float, optional
         As for :class:`Analysis`.
 
@@ -325,11 +328,11 @@ def analyse(
     ...         break
     alarm at 1.23 s
     """
-    chosen = pass_params(
-        models, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
-    )
+    chosen = pass_params(models, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats)
+    names = [detector_of(params).name for params in chosen.params]
+    others = other_heights(names) if height in {None, AUTO} else ()
     degrees = None if fov is None else parse_fov(fov)
-    with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
+    with open_source(source, rate=rate, times=times, height=height, others=others) as video:
         facts = video.facts
         optics = None if degrees is None else Optics.of_fov(facts.width, facts.height, degrees)
         with closing(side_by_side(video, [chosen], optics)) as records:
@@ -357,30 +360,24 @@ def side_by_side(
         For each frame, the record of each pass.
     """
     facts, working = video.facts, video.working
-    preparations = [Preparation(each, facts.frame_rate) for each in passes]
-    detectors = [DetectorPass(working, facts, each, optics) for each in passes]
+    preparations = [Preparation(params, facts.frame_rate) for params in passes]
+    others: Sequence[WorkingSize] = getattr(video, "others", ())
+    detectors = [DetectorPass(working, others, facts, params, optics) for params in passes]
     # A second thread prepares frames, because optical flow takes as long as the detectors.
-    frames = ([each.step(frame) for each in preparations] for frame in video)
+    frames = ([chain.step(frame) for chain in preparations] for frame in video)
     prepared = Prefetch(frames, frames_ahead(facts, working))
     try:
         for of_passes in prepared:
-            yield [each.step(frame) for each, frame in zip(detectors, of_passes, strict=True)]
+            yield [
+                detector_pass.step(frame)
+                for detector_pass, frame in zip(detectors, of_passes, strict=True)
+            ]
     finally:
         prepared.close()
 
 
-def _preset_of(models: Sequence[Parameters | str]) -> str:
-    """Return the preset that has these parameters; the default preset if none has them."""
-    sets = [each for each in models if not isinstance(each, str)]
-    for preset in PRESETS:
-        if all(parameters_of(detector_of(each).name, preset) == each for each in sets):
-            return preset
-    return DEFAULT_PRESET
-
-
 def pass_params(
     models: Sequence[Parameters | str] | None = None,
-    preset: str | None = None,
     *,
     alarm: AlarmParams | None = None,
     places: PlaceParams | bool | None = True,
@@ -397,29 +394,26 @@ def pass_params(
     _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
     repeats_example = "oppload_cli.pipeline.repeats.RepeatParams(handling='exact')"
     _check_kind("repeats", repeats, RepeatParams | Repeats, repeats_example)
-    for each in models or ():
+    for model in models or ():
         kinds = "names of detectors, or sets as parameters_of gives them"
-        _check_kind("models", each, Parameters | str, kinds)
-    words = [each for each in models or () if isinstance(each, str)]
-    preset = stated_preset(preset, words) or _preset_of(models or ())
+        _check_kind("models", model, Parameters | str, kinds)
     chosen: list[Parameters] = []
-    for each in models or default_names():
-        if isinstance(each, str):
-            chosen += [parameters_of(name, preset) for name in names_of(each)]
+    for model in models or default_names():
+        if isinstance(model, str):
+            chosen += [parameters_of(name) for name in names_of(model)]
         else:
-            chosen.append(each)
-    names = [detector_of(each).name for each in chosen]
+            chosen.append(model)
+    names = [detector_of(params).name for params in chosen]
     for name in names:
         if names.count(name) > 1:
             raise ParameterError(
                 f"models must not hold two sets of '{name}'; give the second set to a second pass"
             )
     return PassParams(
-        preset,
         chosen,
-        alarm or alarm_params_with(names, preset),
-        place_params(preset) if places is True else places or None,
-        time or time_params(preset),
+        alarm or alarm_params_with(names),
+        PlaceParams() if places is True else places or None,
+        time or TimeParams(),
         RmoParams() if rmo is True else rmo or None,
         repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams()),
     )

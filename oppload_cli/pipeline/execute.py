@@ -30,7 +30,7 @@ from oppload_cli.errors import (
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
 from oppload_cli.models.registry import detector_named, loaded
-from oppload_cli.models.timebase import FRAME, TimeParams
+from oppload_cli.models.timebase import FRAME, REFERENCE_INTERVAL
 from oppload_cli.pipeline.analysis import pass_params, side_by_side
 from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL_COLUMNS
@@ -85,7 +85,8 @@ def run_task(
     started = time.perf_counter()
     opening = opening or Opening(
         task.name,
-        height=task.settings.height,
+        height=task.settings.pixels,
+        others=task.settings.other_heights,
         span=task.span,
         image_rate=task.image_rate,
         true_rate=task.true_rate,
@@ -273,7 +274,6 @@ class _Run:
             rmo=settings.measure_rmo,
             details=settings.columns == ALL_COLUMNS,
             degrees=self._optics is not None,
-            presets=(settings.preset,),
         )
         return [column.name for column in columns]
 
@@ -399,7 +399,8 @@ class _Run:
         if self.frames and silent:
             remarks.append(self._never_responded(silent))
         seconds, alarm = self.video.times.seconds, self._settings.alarm
-        begins_blind = alarm.on and alarm.cut_ratio > 0
+        rules = [alarm.rule_of(name) for name in self._settings.models]
+        begins_blind = any(rule.floor is not None for rule in rules) and alarm.cut_ratio > 0
         if self.frames and begins_blind and seconds < alarm.blind_s:
             remarks.append(
                 f"lasts {seconds:.2f} s: too short for an alarm, as the first "
@@ -410,25 +411,31 @@ class _Run:
     def _never_responded(self, silent: Sequence[str]) -> str:
         labels = [detector_named(name).label for name in silent]
         longest = max(detector_named(name).warm_up for name in silent)
-        interval = self._settings.time.interval
+        interval = self._settings.time.interval or detector_named(silent[0]).interval
         warm_up = counted(longest, "frame" if interval == FRAME else "interval")
         warm_up += "" if interval == FRAME else f" of {interval} s"
         return (
             f"has no response of {', '.join(labels)} to any frame, so that nothing could cause an "
             f"alarm: it ends within the warm-up of {warm_up}; give a longer video"
-            + ("" if interval in {FRAME, TimeParams().interval} else ", or a shorter time.interval")
+            + ("" if interval in {FRAME, REFERENCE_INTERVAL} else ", or a shorter time.interval")
         )
 
     def _field_of_view(self, groups: Mapping[str, Parameters]) -> dict[str, Any] | None:
         if self._optics is None:
             return None
-        scale = self.video.working.scale_y
+        working, optics = self.video.working, self._optics
+        height = min(working.shape)
+
+        def degrees(group: str, size: float) -> float:
+            own = self._settings.height_of(group, height)
+            return optics.degrees(size * height / own * working.scale_y)
+
         sizes = {
-            f"{group}.{each.name}": self._optics.degrees(size * scale)
+            f"{group}.{declared.name}": degrees(group, size)
             for group in self._settings.models
-            for each in groups[group].declared()
-            if each.unit == "px"
-            and isinstance(size := getattr(groups[group], each.name), int | float)
+            for declared in groups[group].declared()
+            if declared.unit == "px"
+            and isinstance(size := getattr(groups[group], declared.name), int | float)
             and size
         }
         return {**self._optics.as_dict(), "sizes_deg": sizes}
@@ -443,7 +450,6 @@ class _Run:
             "tool": environment(),
             "command": [without_login(word) for word in task.command],
             "loaded": loaded(),
-            "preset": settings.preset,
             "models": list(settings.models),
             "height": settings.height,
             "columns": settings.columns,

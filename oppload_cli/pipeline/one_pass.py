@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from oppload_cli.detection.alarm import Alarm, Cuts
 from oppload_cli.detection.places import Detections
 from oppload_cli.models.bank import DetectorBank
-from oppload_cli.models.detector import Box, Detector
+from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_of
 from oppload_cli.models.timebase import ROUNDING, ROUNDING_S
 from oppload_cli.motion.flow import DenseFlow, Flow, Interpolation, rmo_of
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from oppload_cli.detection.contact import PlaceParams
     from oppload_cli.detection.places import Detection
     from oppload_cli.models.detector import Response
+    from oppload_cli.models.dpc import Map
     from oppload_cli.models.timebase import TimeParams
     from oppload_cli.motion.rmo import RmoParams
     from oppload_cli.pipeline.repeats import Repeats
@@ -41,11 +42,10 @@ _FIRST_S, _FIRST_BYTES = 0.6, 1 << 26
 class PassParams(NamedTuple):
     """The parameters of one pass."""
 
-    preset: str
     params: Sequence[Parameters]  # one set for each detector
     alarm: AlarmParams
     places: PlaceParams | None  # None: looming objects are not looked for
-    time: TimeParams
+    time: TimeParams  # auto: each detector has its own time base
     rmo: RmoParams | None  # None: RMO is not measured
     repeats: Repeats  # recognises the repeats of this pass
 
@@ -53,8 +53,7 @@ class PassParams(NamedTuple):
     def needs_flow(self) -> bool:
         """Whether RMO, a detector's objects or pictures in between need the flow of each frame."""
         kinds = map(detector_of, self.params)
-        uses = (kind.places or kind.interpolated is not Detector.interpolated for kind in kinds)
-        return self.rmo is not None or any(uses)
+        return self.rmo is not None or any(kind.places or kind.interpolates for kind in kinds)
 
 
 class Prepared(NamedTuple):
@@ -138,9 +137,18 @@ class DetectorPass:
     """The detectors over one video, with their alarms and the places of looming objects."""
 
     def __init__(
-        self, working: WorkingSize, facts: InputFacts, chosen: PassParams, optics: Optics | None
+        self,
+        working: WorkingSize,
+        others: Sequence[WorkingSize],
+        facts: InputFacts,
+        chosen: PassParams,
+        optics: Optics | None,
     ) -> None:
         self._working, self._facts, self._chosen, self._optics = working, facts, chosen, optics
+        self._sizes = {
+            kind.name: next((size for size in others if _is_of(size, kind.height)), working)
+            for kind in map(detector_of, chosen.params)
+        }
         self._begin()
 
     def _begin(self) -> None:
@@ -149,14 +157,15 @@ class DetectorPass:
         rate = self._facts.frame_rate
         stated = float(rate) if rate else None
         self._count = 0  # number of frames since the detectors began
-        self._bank = DetectorBank(working.shape, chosen.params, stated, time)
+        shapes = {name: size.shape for name, size in self._sizes.items()}
+        self._bank = DetectorBank(working.shape, chosen.params, stated, time, shapes)
         self._per_second = time.per_second
         self._first_s = 0.0
         self._cuts = Cuts(chosen.alarm)
         self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
         detectors = self._bank.detectors.values()
-        self._interpolates = any(detector.interpolated != "none" for detector in detectors)
-        self._interpolation = Interpolation()
+        interpolates = {detector.shape for detector in detectors if detector.interpolates}
+        self._interpolations = {shape: Interpolation() for shape in interpolates}
         self._latest: FrameRecord | None = None  # the row that a repeat in a cadence repeats
         self._index = -1  # number of the frame before
         # Of the latest frame that the detectors saw: when it was presented, and its picture taken.
@@ -164,9 +173,9 @@ class DetectorPass:
         self._too_slow = False  # whether a frame after that one was dropped
         self._passed_over_s: list[float] = []  # times of the frames after that one
         self._places = {
-            name: Detections(working, places)
-            for name, each in self._bank.detectors.items()
-            if each.places and places
+            name: Detections(self._sizes[name], places.of(detector.least_object))
+            for name, detector in self._bank.detectors.items()
+            if detector.places and places
         }
 
     def step(self, prepared: Prepared) -> FrameRecord:
@@ -200,7 +209,9 @@ class DetectorPass:
             frame=prepared.frame.index,
             time_s=time_s,
             luma_change=0.0 if repeat.kind else self._bank.luma_change,
-            responses={name: _in_source(each, self._working) for name, each in responses.items()},
+            responses={
+                name: _in_source(each, self._sizes[name]) for name, each in responses.items()
+            },
             alarms=alarms,
             rmo=prepared.rmo,
             repeat=repeat.kind,
@@ -224,30 +235,42 @@ class DetectorPass:
         if repeat.still_begins:
             # The frames that were passed over are no repeats: the detectors get them now.
             for passed_over_s in self._passed_over_s:
-                bank.step(luma, passed_over_s)
+                bank.see(luma, passed_over_s)
+                bank.respond(frame.lumas, passed_over_s)
                 self._before_s = self._taken_s = passed_over_s
         stood_still = bool(self._passed_over_s)
         self._passed_over_s.clear()
         elapsed = (taken_s - self._taken_s) * (self._per_second or 0)
         if self._too_slow:  # pictures in between take time, so that one gap would lead to the next
             elapsed, self._too_slow = 0.0, False
-        pictures = list(self._interpolation.step(luma, elapsed, flow)) if self._interpolates else []
+        pictures = self._pictures_between(frame, elapsed, flow)
         if pictures:
             bank.separate()
         bank.see(luma, taken_s)
         change = 0.0 if repeat.kind else bank.luma_change
         blind = self._cuts.step(bank.photoreceptors, change, frame.time_s, stood_still=stood_still)
         times_s = (self._before_s, frame.time_s), (self._taken_s, taken_s)
-        for share, picture in pictures:
+        for share, lumas in pictures:
             shown_s, time_s = (then + share * (now - then) for then, now in times_s)
-            responses = bank.respond(picture, time_s, "earlier")
-            between = replace(frame, time_s=shown_s, luma=picture)
+            responses = bank.respond(lumas, time_s, between=True)
+            between = replace(frame, time_s=shown_s)
             shown = Prepared(between, Repeat(shift_s=time_s - shown_s), None, None)
             self._judged(responses, shown, blind)
         if self._chosen.needs_flow:
             bank.give(flow)
         self._before_s, self._taken_s = frame.time_s, taken_s
         return blind
+
+    def _pictures_between(
+        self, frame: Frame, elapsed: float, flow: Flow | None
+    ) -> list[tuple[float, dict[tuple[int, int], Map]]]:
+        """Return the pictures before a frame by their place in time, each at the needed sizes."""
+        of_sizes: dict[float, dict[tuple[int, int], Map]] = {}
+        for shape, interpolation in self._interpolations.items():
+            scaled = flow and flow.scaled(shape[0] / self._working.height)
+            for share, picture in interpolation.step(frame.lumas[shape], elapsed, scaled):
+                of_sizes.setdefault(share, {})[shape] = picture
+        return list(of_sizes.items())
 
     def _responses(self, prepared: Prepared) -> dict[str, Response | None]:
         """Return the responses to a frame that the detectors have seen, or that is a repeat."""
@@ -256,7 +279,7 @@ class DetectorPass:
         if repeat.passed_over:
             self._passed_over_s.append(time_s)
         else:
-            responses = bank.respond(prepared.frame.luma, time_s + repeat.shift_s)
+            responses = bank.respond(prepared.frame.lumas, time_s + repeat.shift_s)
         if not repeat.kind and not prepared.undecided:
             return responses
         # If nothing changed, or it is not known how long the change took, every detector responds
@@ -296,12 +319,18 @@ class DetectorPass:
             # Growth is measured between the times at which pictures were taken. But the time to
             # contact counts from the presentation time of the frame.
             taken_s = prepared.frame.time_s + shift_s
-            detections = places.step(units, prepared.flow, taken_s)
+            scale = self._sizes[name].height / self._working.height
+            flow = prepared.flow and prepared.flow.scaled(scale)
+            detections = places.step(units, flow, taken_s)
             if shift_s:
                 detections = tuple(each.after(-shift_s) for each in detections)
         if not self._optics:
             return detections
         return tuple(each.seen_through(self._optics) for each in detections)
+
+
+def _is_of(size: WorkingSize, height: int) -> bool:
+    return min(size.shape) == height
 
 
 def _held(record: FrameRecord, prepared: Prepared) -> FrameRecord:

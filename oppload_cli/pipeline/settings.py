@@ -1,6 +1,6 @@
 """The settings of a run, and the origin of each setting.
 
-The TOML file overrides the preset, and the command line overrides both.
+A file of settings overrides the defaults, and the command line overrides both.
 """
 
 from __future__ import annotations
@@ -10,30 +10,25 @@ import tomllib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
-from oppload_cli.detection.alarm import AlarmParams, alarm_params, alarm_params_with
-from oppload_cli.detection.contact import PlaceParams, place_params
+from oppload_cli.detection.alarm import AlarmParams, alarm_params_with
+from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.errors import ParameterError, faults_at, suggestion
 from oppload_cli.files.reading import reading, text_of
-from oppload_cli.models.presets import (
-    DEFAULT_PRESET,
-    EXAMPLE_SETTING,
-    NATIVE,
-    Preset,
-    parse_height,
-    preset_in,
-    preset_named,
-    stated_preset,
-)
+from oppload_cli.models import EXAMPLE_SETTING
 from oppload_cli.models.registry import (
     default_names,
+    detector_named,
     detectors,
     known_names,
     names_of,
+    other_heights,
     parameters_of,
+    preset_is_gone,
 )
-from oppload_cli.models.timebase import TimeParams, time_params
+from oppload_cli.models.timebase import TimeParams
 from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.pipeline.repeats import RepeatParams
+from oppload_cli.video.frames import AUTO, parse_height, pixels_of
 from oppload_cli.video.optics import FOV, parse_fov
 
 if TYPE_CHECKING:
@@ -45,7 +40,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.optics import Optics
 
 
-_COMMAND_LINE = "command line"
+_DEFAULT, _COMMAND_LINE = "default", "command line"  # origins of settings
 _SIDECARS = ("oppload.result/2", "oppload.tuning/1")  # schemas of sidecars with settings
 _USUAL, ALL_COLUMNS = "usual", "all"  # values of the setting `columns`
 
@@ -54,20 +49,34 @@ _USUAL, ALL_COLUMNS = "usual", "all"  # values of the setting `columns`
 class Settings:
     """All settings that determine how an input is analysed."""
 
-    preset: str
     models: tuple[str, ...]  # the detectors to run, in order
-    height: int | None  # working height in pixels; None keeps the native size
+    height: int | str  # working height in pixels, native, or auto: that of each detector
     measure_rmo: bool
     # Parameter sets by name: at least those of the detectors to run, then ``alarm``, ``places``,
     # ``rmo``, ``repeats`` and ``time``.
     groups: dict[str, Parameters]
-    # Origin of each setting, by its dotted name: ``preset default``, the path of a file, or
+    # Origin of each setting, by its dotted name: ``default``, the path of a file, or
     # ``command line``.
     origins: dict[str, str] = field(default_factory=dict)
     columns: str = _USUAL  # or ``all``, with the inner values of the detectors
     fov: float | None = None  # degrees across the width of the frame; None if it is not known
     # Sizes that the user gave in degrees, by dotted name; `seen_through` converts them to pixels.
     angles: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def pixels(self) -> int | None:
+        """Working height in pixels at which frames are measured; None for the native size."""
+        return pixels_of(self.height)
+
+    @property
+    def other_heights(self) -> tuple[int, ...]:
+        """Working heights in pixels that some detectors need besides."""
+        return other_heights(self.models) if self.height == AUTO else ()
+
+    @property
+    def with_alarm(self) -> list[str]:
+        """The detectors to run that have an alarm."""
+        return [name for name in self.models if self.alarm.rule_of(name).floor is not None]
 
     @property
     def alarm(self) -> AlarmParams:
@@ -110,19 +119,16 @@ class Settings:
     def without_idle_detectors(self) -> Settings:
         """Return the same settings without detectors that do not run, unless a value was set."""
         known = known_names()
-        preset_origin = f"preset {self.preset}"
-        changed = {name for name, origin in self.origins.items() if origin != preset_origin}
+        changed = {name for name, origin in self.origins.items() if origin != _DEFAULT}
         kept = {name for name in known if f"alarm.{name}_floor" in changed}
         kept |= {*self.models, *(name.partition(".")[0] for name in changed)}
         needed = [name for name in known if name in kept]
         groups = {
             name: group for name, group in self.groups.items() if name in kept or name not in known
         }
-        names = alarm_params_with(needed, self.preset).names()
+        names = alarm_params_with(needed).names()
         alarm = {name: value for name, value in self.alarm.as_dict().items() if name in names}
-        return replace(
-            self, groups={**groups, "alarm": alarm_params_with(needed, self.preset, **alarm)}
-        )
+        return replace(self, groups={**groups, "alarm": alarm_params_with(needed, **alarm)})
 
     def seen_through(self, optics: Optics | None, working: WorkingSize) -> Settings:
         """Return the same settings with sizes in degrees converted to pixels of the `working` size.
@@ -135,7 +141,9 @@ class Settings:
         groups = dict(self.groups)
         for full_name, degrees in self.angles.items():
             group, _, name = full_name.partition(".")
-            pixels = round(optics.pixels(degrees) / working.scale_y)
+            height = min(working.shape)
+            scale = self.height_of(group, height) / height / working.scale_y
+            pixels = round(optics.pixels(degrees) * scale)
             with faults_at(f"{full_name}={degrees:g}deg"):
                 groups[group] = groups[group].replaced(**{name: pixels})
         return replace(self, groups=groups, angles={})
@@ -145,8 +153,8 @@ class Settings:
         known = known_names()
         if all(name in self.groups for name in known):
             return self
-        sets = {name: parameters_of(name, self.preset) for name in known}
-        alarm = alarm_params_with(known, self.preset, **self.alarm.as_dict())
+        sets = {name: parameters_of(name) for name in known}
+        alarm = alarm_params_with(known, **self.alarm.as_dict())
         return replace(self, groups={**sets, **self.groups, "alarm": alarm})
 
     def resolved(self, height: int) -> dict[str, Parameters]:
@@ -154,14 +162,22 @@ class Settings:
 
         `height` is the working height: the shorter side of the frame.
         """
-        return {name: group.resolved(height) for name, group in self.groups.items()}
+        return {
+            name: group.resolved(self.height_of(name, height))
+            for name, group in self.groups.items()
+        }
+
+    def height_of(self, group: str, height: int) -> int:
+        """Return the working height in px of a detector; `height` is that of the frames."""
+        own = self.height == AUTO and group in self.models
+        return detector_named(group).height if own else height
 
 
 def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
     """Return the meaning and the class of each parameter set, by its name in settings."""
     return {
         **{name: (each.meaning, each.parameters) for name, each in detectors().items()},
-        "alarm": ("the alarm of each model", type(alarm_params())),
+        "alarm": ("the alarm of each model", AlarmParams),
         "places": (
             "looming objects: their number, their places and their times to contact",
             PlaceParams,
@@ -174,7 +190,6 @@ def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
 
 def resolve(
     *,
-    preset: str | None = None,
     config: Path | None = None,
     models: Sequence[str] = (),
     height: str | None = None,
@@ -182,28 +197,27 @@ def resolve(
     repeats: str | None = None,
     measure_rmo: bool | None = None,
     assignments: Sequence[str] = (),
-    usual: str = DEFAULT_PRESET,
+    usual: Sequence[str] = (),
     columns: str | None = None,
 ) -> Settings:
-    """Resolve the settings of a run from the preset, a TOML file and the command line.
+    """Resolve the settings of a run from the defaults, a TOML file and the command line.
 
     A text or value has the meaning of the option of ``oppload run`` with the same name. If it is
-    left out, the file decides, or else the preset.
+    left out, the file decides, or else the default.
 
     Parameters
     ----------
     config : Path, optional
-        A TOML file with ``preset``, ``models``, ``height``, ``fov``, ``measure_rmo``, ``columns``
+        A TOML file with ``models``, ``height``, ``fov``, ``measure_rmo``, ``columns``
         and a table per parameter set; or the sidecar of a result, whose settings are taken.
     models : sequence of str
         Names of detectors to run, or ``all``; a text may hold several names, separated by commas.
-        A preset after a name, as in ``opplod:reference``, is the preset of the run.
     repeats : str, optional
         ``near``, ``exact`` or ``keep``, in place of the parameter ``repeats.handling``.
     assignments : sequence of str
         ``set.parameter=value``, such as `EXAMPLE_SETTING`; a size may be given as ``60deg``.
-    usual : str
-        The preset if neither `preset`, `models` nor the file names one.
+    usual : sequence of str
+        The detectors if neither `models` nor the file names any; OppLoD and D-LGMD if left out.
 
     Raises
     ------
@@ -212,28 +226,20 @@ def resolve(
     """
     content = _read(config) if config else {}
     file_name = str(config) if config else ""
-    preset = stated_preset(preset, models)
-    chosen = preset_named(preset) if preset else _preset_of_file(content, file_name, usual)
-    needed = _needed_detectors(_models(models) if models else default_names(), content, assignments)
+    usual = usual or default_names()
+    needed = _needed_detectors(_models(models) if models else usual, content, assignments)
     groups: dict[str, Parameters] = {
-        **{name: parameters_of(name, chosen.name) for name in needed},
-        "alarm": alarm_params_with(needed, chosen.name),
-        "places": place_params(chosen.name),
+        **{name: parameters_of(name) for name in needed},
+        "alarm": alarm_params_with(needed),
+        "places": PlaceParams(),
         "rmo": RmoParams(),
         "repeats": RepeatParams(),
-        "time": time_params(chosen.name),
+        "time": TimeParams(),
     }
     known = {f"{group}.{name}" for group, params in groups.items() for name in params.names()}
-    origins = dict.fromkeys(["preset", *_TOP_READERS, *sorted(known)], f"preset {chosen.name}")
-    origins["preset"] = _COMMAND_LINE if preset else file_name if "preset" in content else "default"
-    settings = Settings(chosen.name, default_names(), chosen.height, True, groups, origins)
+    origins = dict.fromkeys([*_TOP_READERS, *sorted(known)], _DEFAULT)
+    settings = Settings(tuple(usual), AUTO, True, groups, origins)
     settings = _with_file(settings, content, file_name)
-    of_file = "" if models else preset_in(content.get("models", ()), f"{file_name}: 'models'")
-    if of_file not in {"", chosen.name}:
-        raise ParameterError(
-            f"{file_name}: 'models' asks for preset '{of_file}', but the preset is '{chosen.name}'"
-            f'; write preset = "{of_file}" into the file'
-        )
     options = {
         "models": tuple(models) or None,
         "height": height,
@@ -284,15 +290,17 @@ def _with_file(settings: Settings, content: Mapping[str, Any], file_name: str) -
     groups, origins = dict(settings.groups), dict(settings.origins)
     top: dict[str, Any] = {}
     angles: dict[str, float] = {}
-    known = ["preset", *_TOP_READERS, *groups]
+    known = [*_TOP_READERS, *groups]
     for key, value in content.items():
         with faults_at(file_name):
+            if key == "preset":
+                raise preset_is_gone(str(value))
             if key not in known:
                 raise ParameterError(f"no setting '{key}'{suggestion(key, known)}")
             if key in groups:
                 groups[key] = _with_table(groups[key], key, value, angles)
                 origins.update((f"{key}.{name}", file_name) for name in value)
-            elif key != "preset":
+            else:
                 top[key] = _TOP_READERS[key](value)
                 origins[key] = file_name
     return replace(settings, groups=groups, origins=origins, angles=angles, **top)
@@ -393,16 +401,10 @@ def _settings_of_sidecar(path: Path) -> dict[str, Any]:
             f"{path}: holds no settings that this version knows; give the sidecar of a result, "
             "NAME.oppload.json or NAME.tuning.json, or a file of settings in TOML"
         )
-    top = {key: content[key] for key in ("preset", *_TOP_READERS) if key in content}
+    if (preset := content.get("preset")) not in {None, "default"}:  # of a version before 1.0
+        raise preset_is_gone(str(preset))
+    top = {key: content[key] for key in _TOP_READERS if key in content}
     view = content.get("field_of_view")
     if isinstance(view, dict) and view.get("origin") == FOV:
         top["fov"] = view.get("horizontal_deg")
-    return {"height": NATIVE, **top, **sets}  # a sidecar has null for the native height
-
-
-def _preset_of_file(content: Mapping[str, Any], file_name: str, usual: str) -> Preset:
-    name = content.get("preset", usual)
-    if not isinstance(name, str):
-        raise ParameterError(f"{file_name}: 'preset' must be a word in quotes, not {name!r}")
-    with faults_at(file_name):
-        return preset_named(name)
+    return {**top, **sets}

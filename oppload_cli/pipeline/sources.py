@@ -14,14 +14,17 @@ import numpy as np
 from oppload_cli import stimulus
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.files.reading import is_there
-from oppload_cli.models.presets import DEFAULT_PRESET, parse_height, preset_named
 from oppload_cli.video.frames import (
+    AUTO,
     DecodeFacts,
     Frame,
     FrameTimes,
     InputFacts,
     Picture,
     WorkingSize,
+    other_sizes,
+    parse_height,
+    pixels_of,
     sizes_in_words,
 )
 from oppload_cli.video.inputs import HIGHEST_RATE, checked_rate
@@ -88,11 +91,13 @@ class ArrayLuminance:
 class _VideoInMemory(ABC):
     """Base of videos whose pictures are computed or in memory, with the interface of `Video`."""
 
-    def __init__(self, facts: InputFacts, height: int | None) -> None:
+    def __init__(self, facts: InputFacts, height: int | None, others: Sequence[int] = ()) -> None:
         self.facts = facts
         self.working = WorkingSize.of(facts, height)
+        self.others = other_sizes(facts, self.working, others)
         self._begin()
         self._luminance = ArrayLuminance(self.working)
+        self._others = {size.shape: ArrayLuminance(size) for size in self.others}
 
     def _begin(self) -> None:
         self.decode, self.times = DecodeFacts(), FrameTimes(self.facts.frame_rate)
@@ -105,8 +110,10 @@ class _VideoInMemory(ABC):
         self._begin()  # unlike those of a video, the frames can be had again
         for index, (time_s, values) in enumerate(self._pictures()):
             self.decode.decoded += 1
-            luma = self._luminance(values, f"array: frame {index}")
-            yield Frame(index, self.times.step(time_s), luma)
+            name = f"array: frame {index}"
+            luma = self._luminance(values, name)
+            others = {shape: convert(values, name) for shape, convert in self._others.items()}
+            yield Frame(index, self.times.step(time_s), luma, others=others)
 
     @abstractmethod
     def _pictures(self) -> Iterator[tuple[float, Frames]]:
@@ -116,14 +123,22 @@ class _VideoInMemory(ABC):
 class StimulusVideo(_VideoInMemory):
     """The frames of a stimulus at the working size, like those of an open video.
 
-    `height` is the working height in pixels; None keeps the native size. `presentations` is
-    the number of times that the stimulus is shown, one after the other without a pause.
+    `height` is the working height in pixels; None keeps the native size. `others` are further
+    heights that each frame has. `presentations` is the number of times that the stimulus is shown,
+    one after the other without a pause.
     """
 
-    def __init__(self, protocol: Protocol, height: int | None, presentations: int = 1) -> None:
+    def __init__(
+        self,
+        protocol: Protocol,
+        height: int | None,
+        presentations: int = 1,
+        others: Sequence[int] = (),
+    ) -> None:
         display, frames = protocol.display, protocol.frame_count * presentations
         size, rate = (display.width, display.height), display.frame_rate
-        super().__init__(InputFacts(protocol.name, "stimulus", *size, rate, frames), height)
+        facts = InputFacts(protocol.name, "stimulus", *size, rate, frames)
+        super().__init__(facts, height, others)
         self.protocol = protocol
 
     def _pictures(self) -> Iterator[tuple[float, Frames]]:
@@ -141,6 +156,7 @@ class _ArrayVideo(_VideoInMemory):
         rate: float | Fraction | None,
         times: Times | None,
         height: int | None,
+        others: Sequence[int],
     ) -> None:
         try:
             self._frames = np.asarray(frames)
@@ -167,7 +183,8 @@ class _ArrayVideo(_VideoInMemory):
             raise ParameterError(
                 "an array of frames has no times; give its rate, e.g. rate=30, or the times"
             )
-        super().__init__(InputFacts("array", "array", columns, rows, declared, count), height)
+        facts = InputFacts("array", "array", columns, rows, declared, count)
+        super().__init__(facts, height, others)
 
     def _pictures(self) -> Iterator[tuple[float, Frames]]:
         for time_s, values in zip(self._times_s, self._frames, strict=True):
@@ -179,6 +196,7 @@ class _Counted:
 
     def __init__(self, source: FrameSource) -> None:
         self.facts, self.working, self.decode = source.facts, source.working, DecodeFacts()
+        self.others: Sequence[WorkingSize] = getattr(source, "others", ())
         self.times = FrameTimes(source.facts.frame_rate)
         self._source = source
 
@@ -228,7 +246,7 @@ def open_source(
     rate: float | Fraction | None = None,
     times: Times | None = None,
     height: int | str | None = None,
-    preset: str = DEFAULT_PRESET,
+    others: Sequence[int] = (),
 ) -> Iterator[DecodedSource]:
     """Open any source of frames, to iterate over it once.
 
@@ -245,10 +263,9 @@ def open_source(
     times : sequence of float, optional
         The presentation time of each frame of an array in seconds, instead of a rate.
     height : int or str, optional
-        Working height in pixels, or ``native``; if left out, that of the preset. An open video
-        keeps its own.
-    preset : str
-        Gives the working height.
+        Working height in pixels, or ``native``; 240 if left out. An open video keeps its own.
+    others : sequence of int
+        Further working heights in pixels that some detectors need.
 
     Yields
     ------
@@ -262,7 +279,7 @@ def open_source(
     StimulusError
         If the stimulus of a TOML file is not valid, or if the file has several.
     ParameterError
-        If the height, the preset or the rate is wrong, if an array has neither rate nor times, or
+        If the height or the rate is wrong, if an array has neither rate nor times, or
         if times are given for another source than an array.
 
     Examples
@@ -274,7 +291,7 @@ def open_source(
     (240, 320) 60
     102
     """
-    size = parse_height(preset_named(preset).height if height is None else height)
+    size = pixels_of(parse_height(AUTO if height is None else height))
     # Names of stimuli have slashes, also on Windows.
     name = source.as_posix() if isinstance(source, Path) else source
     if isinstance(name, str) and _is_stimulus(name):
@@ -288,7 +305,7 @@ def open_source(
         )
     if isinstance(source, str | Path):
         image_rate = checked_rate(rate)
-        with open_video(source, height=size, image_rate=image_rate) as video:
+        with open_video(source, height=size, others=others, image_rate=image_rate) as video:
             if image_rate not in {None, video.facts.frame_rate}:
                 raise ParameterError(
                     f"{source}: has times or a rate of its own; rate is for an array or images; "
@@ -298,10 +315,10 @@ def open_source(
     elif hasattr(source, "facts") and hasattr(source, "working"):
         yield source if hasattr(source, "decode") else _Counted(source)  # type: ignore[arg-type, misc]
     elif is_array:
-        yield _ArrayVideo(source, rate, times, size)  # type: ignore[arg-type]
+        yield _ArrayVideo(source, rate, times, size, others)  # type: ignore[arg-type]
     elif isinstance(source, stimulus.Protocol):  # checked last, as it imports the stimuli
         _check_rate(source, rate)
-        yield StimulusVideo(source, size)
+        yield StimulusVideo(source, size, others=others)
     else:
         raise SourceError(
             f"{type(source).__name__}: holds no frames; give a path, a camera such as 'camera:0', "

@@ -83,7 +83,7 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     # Without the room for each line of the title, the panel would be drawn over the foot.
     above = 0.25 + 0.14 * style.wrapped(request.title, style.TITLE_WIDTH).count("\n")
     places = (np.unique(tuning.rows[name].to_numpy(float)) for name in (right, up))
-    wide, high = (float(np.ptp(style.edges_of(each))) for each in places)
+    wide, high = (float(np.ptp(style.edges_of(positions))) for positions in places)
     with _panels(len(curves), labels, 0.85 * max(1.0, high / wide), above) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             cells, _ = curve.over_largest(right, up)

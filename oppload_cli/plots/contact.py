@@ -238,7 +238,7 @@ def _top(l_over_v_ms: Iterable[Series]) -> float:
 
     At this time, the object with the largest l/v spans 10 degrees.
     """
-    longest = max((float(each.max()) for each in l_over_v_ms if len(each)), default=1.0)
+    longest = max((float(values.max()) for values in l_over_v_ms if len(values)), default=1.0)
     return longest / math.tan(math.radians(5))
 
 
@@ -279,7 +279,7 @@ def _draw_limits(axes: Sequence[Axes], tunings: Iterable[Tuning]) -> None:
 
     Peaks cannot come much later.
     """
-    angles = {round(angle, 6) for each in tunings if (angle := _largest_angle(each))}
+    angles = {round(angle, 6) for tuning in tunings if (angle := _largest_angle(tuning))}
     limits = sorted(angle for angle in angles if angle < 180)
     stated = " and ".join(f"{angle:.0f}" for angle in limits)
     label = f"object fills the display or stops growing: {stated} deg"
@@ -308,22 +308,22 @@ def _largest_angle(tuning: Tuning) -> float | None:
 def _draw_published(axes: Sequence[Axes], longest: float) -> None:
     """Draw published neurons: a range over animals as a band, a single value as a line."""
     x = np.array([0.0, longest])
-    peaks = {(each.neuron, each.kind): each for each in angular_thresholds()}
-    for (neuron, kind), each in peaks.items():
-        line = each.slope * x - each.delay_ms
+    peaks = {(threshold.neuron, threshold.kind): threshold for threshold in angular_thresholds()}
+    for (neuron, kind), threshold in peaks.items():
+        line = threshold.slope * x - threshold.delay_ms
         if kind == "upper limit":
             low = peaks[neuron, "lower limit"]
             lower = low.slope * x - low.delay_ms
             shade: dict[str, Any] = {"color": style.FAINT, "alpha": 0.25, "lw": 0}
-            axes[0].fill_between(x, line, lower, **shade, zorder=0, label=_label_of(each, low))
+            axes[0].fill_between(x, line, lower, **shade, zorder=0, label=_label_of(threshold, low))
             if len(axes) > 1:
-                axes[1].axhspan(low.angle_deg, each.angle_deg, **shade, zorder=0)
+                axes[1].axhspan(low.angle_deg, threshold.angle_deg, **shade, zorder=0)
         elif kind != "lower limit":
             look: dict[str, Any] = {"color": style.INK, "lw": 0.8, "zorder": 1}
             look["linestyle"] = style.DASHES[1 + (kind != "example")]
-            axes[0].plot(x, line, **look, label=_label_of(each))
+            axes[0].plot(x, line, **look, label=_label_of(threshold))
             if len(axes) > 1:
-                axes[1].axhline(each.angle_deg, **look)
+                axes[1].axhline(threshold.angle_deg, **look)
     axes[0].set_xlim(right=longest)
 
 

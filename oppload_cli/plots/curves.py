@@ -251,7 +251,7 @@ def _check_lengths(panels: Panels, options: CurveOptions) -> None:
         return
     for first, *others in panels:
         for other in others:
-            rows = [len(each.result.frames) for each in (first, other)]
+            rows = [len(curve.result.frames) for curve in (first, other)]
             if rows[0] != rows[1]:
                 raise ResultError(
                     f"{other.result.path}: column 'frame' has {rows[1]} rows, that of "
@@ -272,7 +272,7 @@ def _draw_panel(axes: Axes, curves: Sequence[Curve], options: CurveOptions, titl
     """Draw a panel with its legend above it, and return the number of lines of the legend."""
     _draw_responses(axes, curves, options)
     texts: list[str] = axes.get_legend_handles_labels()[1]
-    lines = sum(each.count("\n") + 1 for each in texts)
+    lines = sum(text.count("\n") + 1 for text in texts)
     axes.set_title(style.wrapped(title, style.TITLE_WIDTH), pad=4 + 9 * lines)
     legend = style.legend_over(axes, labelspacing=0.25, handlelength=1.8)
     legend.set_in_layout(False)  # a long name must not make the panel smaller
@@ -430,7 +430,7 @@ def _draw_heat(panels: Panels, options: CurveOptions) -> Drawn:
     height = 1.2 + row_height * len(rows) * lines
     with style.styled_figure(style.PAGE, height) as figure:
         axes = style.panel_grid(figure, len(detectors), columns, sharex=lines > 1, sharey=True)
-        ends = min(each.time[0] for each in curves), max(each.time[-1] for each in curves)
+        ends = min(curve.time[0] for curve in curves), max(curve.time[-1] for curve in curves)
         images = []
         for panel, detector in zip(axes, detectors, strict=True):
             cells = [row.get(detector) for row in rows]

@@ -44,23 +44,23 @@ def _distinct_names(read: Sequence[BaseResult] | Sequence[Tuning]) -> list[str]:
     """Return what differs between results or tuning tables, a text for each.
 
     That is what differs between the names of their inputs or stimuli, such as ``l/v 10`` and
-    ``l/v 20``. If two names are equal, it is the presets, the parameters and values of the
+    ``l/v 20``. If two names are equal, it is the parameters and values of the
     stimulus that all have, the detectors, the paths, or the numbers of results that are in no file.
     """
-    names = [each.name if isinstance(each, Tuning) else each.title for each in read]
+    names = [result.name if isinstance(result, Tuning) else result.title for result in read]
     if len(read) == 1:
         return names
-    sidecars = [each.sidecar for each in read]
+    sidecars = [result.sidecar for result in read]
     indicators = [indicator_of(sidecar) for sidecar in sidecars]
     alike = len(set(indicators)) == 1
     indicators = ["" if alike else indicator or "no indicator" for indicator in indicators]
     if len(set(names)) == len(names):
         return _joined(differences(names), indicators)
     settings = _joined(_settings_of(sidecars), indicators)
-    for texts in (settings, [", ".join(each.models) for each in read]):
+    for texts in (settings, [", ".join(result.models) for result in read]):
         if len(set(texts)) == len(texts):
             return texts
-    paths = [each.path.as_posix() for each in read]
+    paths = [result.path.as_posix() for result in read]
     if len(set(paths)) < len(paths):
         return [f"result {number}" for number in range(1, len(read) + 1)]
     return differences(paths)
@@ -80,11 +80,8 @@ def _joined(names: Sequence[str], indicators: Sequence[str]) -> list[str]:
 
 
 def _settings_of(sidecars: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the presets of the sidecars, or the values that differ between them."""
-    presets = [str(each.get("preset", "")) for each in sidecars]
-    if len(set(presets)) == len(presets):
-        return [f"preset {preset}" for preset in presets]
-    tables = [_values_of(each) for each in sidecars]
+    """Return the values that differ between the sidecars."""
+    tables = [_values_of(sidecar) for sidecar in sidecars]
     shared = [key for key in tables[0] if all(key in table for table in tables)]
     keys = [key for key in shared if len({repr(table[key]) for table in tables}) > 1]
     return [", ".join(f"{key} {table[key]}" for key in keys) for table in tables]
@@ -94,7 +91,7 @@ def _values_of(sidecar: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters, and the values of the stimulus of a result that was not saved."""
     protocol = (sidecar.get("stimulus") or {}).get("protocol", {})
     tables = {key: value for key, value in protocol.items() if isinstance(value, dict | int)}
-    objects = {each["id"]: each for each in protocol.get("object", ())}
+    objects = {obj["id"]: obj for obj in protocol.get("object", ())}
     return dict(_flat(sidecar.get("parameters"))) | dict(_flat(tables | objects))
 
 

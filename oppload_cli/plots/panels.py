@@ -154,8 +154,8 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
         curves = [curve for group in groups for curve in group]
         looks = style.looks_of([curve.detector for curve in curves])
         named = [
-            replace(each, name=each.result_name, colour=look["color"], dash=look["linestyle"])
-            for each, look in zip(curves, looks, strict=True)
+            replace(curve, name=curve.result_name, colour=look["color"], dash=look["linestyle"])
+            for curve, look in zip(curves, looks, strict=True)
         ]
         return [named]
     if options.scale == "raw":
@@ -172,8 +172,10 @@ def _curves_of_result(
     looks = () if options.scale == "raw" else style.looks_of(names)  # raw curves have a panel each
     dashes = [look["linestyle"] for look in looks] or ["-"] * len(names)
     return [
-        Curve(result, at, label, each.name, each.label, each.colour, truth, zero_s, dash)
-        for each, dash in zip(map(detector_named, names), dashes, strict=True)
+        Curve(
+            result, at, label, detector.name, detector.label, detector.colour, truth, zero_s, dash
+        )
+        for detector, dash in zip(map(detector_named, names), dashes, strict=True)
     ]
 
 
@@ -378,7 +380,7 @@ def _write_mark(
     sides = [right, not right] if width <= share <= 1 - width else [right]
     left_ends = [share if side else share - width for side in sides]
     places = (_Place(left, left + width, row) for row, left in product(range(_ROWS), left_ends))
-    place = next((each for each in places if _is_free(each, top, taken, lines)), None)
+    place = next((place for place in places if _is_free(place, top, taken, lines)), None)
     upright = place is None  # an upright label is narrow, and may cover a curve
     begin = min(share, 1 - 2 * _LETTER)
     place = place or _Place(begin, begin + 2 * _LETTER, 0)
@@ -408,7 +410,9 @@ def _marks_of(
     }
     if options.align or not any(time is not None for time in marks.get("contact", {}).values()):
         contact = stated_contact(truth) if truth else None
-        marks["contact"] = {each: each.zero_s if options.align else contact for each in of_inputs}
+        marks["contact"] = {
+            curve: curve.zero_s if options.align else contact for curve in of_inputs
+        }
         contacts = contacts_of(truth) if truth else []
         other_contacts = [time - curves[0].zero_s for time in contacts if time != contact]
     return marks, other_contacts
@@ -442,7 +446,7 @@ def _is_free(place: _Place, top: float, taken: Sequence[_Place], lines: Sequence
         return False
     high = top - _ROW * row
     x = np.linspace(left, right, 50)
-    heights = (np.interp(x, each[:, 0], each[:, 1], np.nan, np.nan) for each in lines)
+    heights = (np.interp(x, line[:, 0], line[:, 1], np.nan, np.nan) for line in lines)
     return not any(np.any((y > high - _ROW - _MARGIN) & (y < high + _MARGIN)) for y in heights)
 
 

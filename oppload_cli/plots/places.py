@@ -173,7 +173,7 @@ def _detector(result: BaseResult, model: str | None) -> type[Detector]:
         return detector
     first = placing_detector(result.models)
     if first is None:
-        placing = next(name for name, each in detectors().items() if each.places)
+        placing = next(name for name, detector in detectors().items() if detector.places)
         raise ResultError(
             f"{result.path}: holds no detector with places; run one that has them, such as "
             f"{placing}"

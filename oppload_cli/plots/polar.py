@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
 from oppload_cli.errors import ResultError
-from oppload_cli.models.registry import alarm_floor_of, is_rounding_error
+from oppload_cli.models.registry import is_rounding_error, least_response_of
 from oppload_cli.plots import style
 from oppload_cli.plots.tuning_curves import Request, TuningCurve, first_stimulus
 from oppload_cli.reference import BAR_WIDTHS, bar_tuning
@@ -185,8 +185,7 @@ def direction_tuning(curve: TuningCurve) -> DirectionTuning:
         raise ResultError(f"{tuning.path}: column '{other}' is swept too; {advice}")
     stated = curve.rows[direction].to_numpy(float)
     values, deviations = curve.peaks, curve.deviations
-    preset = tuning.sidecar.get("preset")
-    if preset and is_rounding_error(curve.largest, alarm_floor_of(detector.name, preset)):
+    if tuning.sidecar and is_rounding_error(curve.largest, least_response_of(detector.name)):
         values, deviations = np.zeros_like(values), None
     completed = full_circle if tuning.symmetric else _in_order
     angles, values = completed(stated, values)
@@ -221,15 +220,13 @@ def _as_published(tuning: Tuning) -> bool:
     first = first_stimulus(tuning)
     if not first:  # without a sidecar, only the name is known
         return True
-    tables = [each.protocols()[0].as_table() for each in entries() if each.name == tuning.name]
+    tables = [entry.protocols()[0].as_table() for entry in entries() if entry.name == tuning.name]
     return any(_appearance(first) == _appearance(table) for table in tables)
 
 
 def _appearance(table: Mapping[str, Any]) -> list[Any]:
     """Return the parts of a protocol that decide its look: not its size, pauses and axis."""
-    objects = [
-        {**each, "axis_deg": 0} for each in table.get("object", []) if isinstance(each, dict)
-    ]
+    objects = [{**obj, "axis_deg": 0} for obj in table.get("object", []) if isinstance(obj, dict)]
     background = table.get("display", {}).get("background")
     return [objects, background, table.get("scene"), table.get("effects")]
 

@@ -82,7 +82,7 @@ def plot_rmo(
                 )
             if np.isnan(check_numbers(result.path, result.frames, name)).all():
                 raise ResultError(f"{result.path}: column '{name}' is empty; run it again")
-    style.check_xlim([each.frames["time_s"].to_numpy(float) for each in results], xlim)
+    style.check_xlim([result.frames["time_s"].to_numpy(float) for result in results], xlim)
     heights = [1.2, 1, 0.8] * len(results)
     with style.styled_figure(style.COLUMN, 0.3 + 2.9 * len(results)) as figure:
         panels = style.panel_grid(figure, len(heights), 1, height_ratios=heights)

@@ -196,8 +196,8 @@ def as_list(results: T | Sequence[T], kind: type[T]) -> list[T]:
     listed = list(results) if isinstance(results, Sequence) else [results]
     if not listed:
         raise ParameterError("there is no result to draw; give at least one")
-    for each in listed:
-        check_drawn(each, kind)
+    for result in listed:
+        check_drawn(result, kind)
     return listed
 
 
@@ -220,7 +220,7 @@ def as_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return names as a tuple; a text is one name, not a sequence of letters."""
     given: object = (names,) if isinstance(names, str) else names  # maybe of a wrong type
     listed = tuple(given) if isinstance(given, Iterable) else (None,)
-    if not all(isinstance(each, str) for each in listed):
+    if not all(isinstance(name, str) for name in listed):
         raise ParameterError(f"names must be a list of texts, not {given!r:.60}")
     return cast("tuple[str, ...]", listed)
 
@@ -373,7 +373,12 @@ def missing_characters(figure: Figure) -> str:
     """Return the characters in a figure that no font of the style has: they are drawn as boxes."""
     with _quiet_fonts():
         fonts = [get_font(findfont(name)) for name in _FONTS]
-    used = {each for text in figure.findobj(Text) for each in text.get_text() if each != "\n"}
+    used = {
+        character
+        for text in figure.findobj(Text)
+        for character in text.get_text()
+        if character != "\n"
+    }
     return "".join(sorted(c for c in used if not any(f.get_char_index(ord(c)) for f in fonts)))
 
 
@@ -408,7 +413,7 @@ def wrapped(text: str, width: int) -> str:
         wrapper = textwrap.TextWrapper(width)
         wrapper.wordsep_re = _BREAKS
         parts = map(wrapper.wrap, text.splitlines())
-        lines = [escaped(each.replace("\xa0", " ")) for part in parts for each in part]
+        lines = [escaped(line.replace("\xa0", " ")) for part in parts for line in part]
         if width <= _LEAST_WIDTH or max(map(width_em, lines), default=0) <= most:
             break
         width -= 1

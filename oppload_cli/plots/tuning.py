@@ -116,14 +116,14 @@ def plot_tuning(
     kind = kind or kind_of(tunings[0])
     if kind not in KINDS:
         raise ParameterError(f"no kind '{kind}' of a tuning plot; choose {', '.join(KINDS)}")
-    for each in tunings:
-        if len(each.rows[list(each.parameters)].drop_duplicates()) < 2:
+    for tuning in tunings:
+        if len(tuning.rows[list(tuning.parameters)].drop_duplicates()) < 2:
             raise ResultError(
-                f"{each.path}: holds one condition, so that there is nothing to draw; sweep over "
+                f"{tuning.path}: holds one condition, so that there is nothing to draw; sweep over "
                 "more values"
             )
     title = _title(tunings, kind) if title is None else title
-    shown = [_shown(each, kind) for each in tunings]
+    shown = [_shown(tuning, kind) for tuning in tunings]
     request = Request(shown, models, names, title, published, scale == "raw", lplc2)
     figure, axes = _PLOTS[kind](request)
     seeds = [_seeds_text(*pair, kind) for pair in zip(tunings, shown, strict=True)]
@@ -171,10 +171,10 @@ def lines_of(
     kinds have no lines. The parameters are those of :func:`plot_tuning`.
     """
     kind = kind or kind_of(tunings[0])
-    shown = [_shown(each, kind) for each in tunings]
+    shown = [_shown(tuning, kind) for tuning in tunings]
     request = Request(shown, models, labels_of(tunings, labels), lplc2=lplc2)
     if kind == "polar":
-        return [each.line() for each in direction_tunings(request)]
+        return [curve.line() for curve in direction_tunings(request)]
     return contact_lines(request) if kind == "contact" else []
 
 
@@ -193,11 +193,11 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
     """
     kind = kind_of(tuning)
     summary: dict[str, dict[str, Any]] = {}
-    for each in Request([_shown(tuning, kind)], (), [tuning.name]).curves():
-        name, largest = each.detector.name, each.largest
-        least = float(each.peaks.min()) / largest if largest > 0 else None
+    for curve in Request([_shown(tuning, kind)], (), [tuning.name]).curves():
+        name, largest = curve.detector.name, curve.largest
+        least = float(curve.peaks.min()) / largest if largest > 0 else None
         summary[name] = {"largest_peak": largest, "least_over_largest": least}
-        if kind == "contact" and (fit := fit_of(each)):
+        if kind == "contact" and (fit := fit_of(curve)):
             summary[name] |= {
                 "slope": fit.slope,
                 "slope_error": fit.slope_error,
@@ -207,7 +207,7 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
                 "delay_error_s": fit.delay_error_s,
             }
         if kind == "polar":
-            numbers = direction_tuning(each).numbers
+            numbers = direction_tuning(curve).numbers
             summary[name] |= {
                 "preferred_deg": numbers.preferred_deg if numbers.peak > 0 else None,
                 "direction_selectivity_index": numbers.direction_index,
@@ -224,7 +224,7 @@ def _title(tunings: Sequence[Tuning], kind: str) -> str:
     first = tunings[0]
     figure = first.sidecar.get("figure", {}) if kind == kind_of(first) else {}
     title = str(figure.get("title", first.name)) if len(tunings) == 1 else ""
-    indicators = {indicator_of(each.sidecar) for each in tunings}
+    indicators = {indicator_of(tuning.sidecar) for tuning in tunings}
     through = f"through an {indicators.pop()}" if len(indicators) == 1 and all(indicators) else ""
     return ", ".join(filter(None, (title, through)))
 
@@ -240,7 +240,7 @@ def _seeds_text(tuning: Tuning, shown: Tuning, kind: str) -> str:
 def _settings_lines(
     tunings: Sequence[Tuning], names: Sequence[str], title: str, seeds: Sequence[str]
 ) -> list[str]:
-    """Return lines with preset, working height, all changes and seeds: one if all tables agree.
+    """Return lines with the working height, all changes and seeds: one if all tables agree.
 
     An indicator that neither the title nor the name of its table states, because they are the
     user's, is stated too.
@@ -257,7 +257,7 @@ def _settings_lines(
 
 def _settings_of(tuning: Tuning) -> str:
     sidecar = tuning.sidecar
-    if "preset" not in sidecar:
+    if "models" not in sidecar:
         return ""
     display = first_stimulus(tuning).get("display", {})
     height = sidecar.get("height") or display.get("height")
@@ -269,8 +269,8 @@ def _settings_of(tuning: Tuning) -> str:
     for name in tuning.parameters:
         if name not in reduced.parameters:
             stated[name] = _number(tuning.rows[name].iloc[0])
-    line = f"preset {sidecar['preset']}" + f", {height} px" * bool(height)
-    return "; ".join([line, *(f"{key}={value}" for key, value in stated.items())])
+    line = f"{height} px" if isinstance(height, int) else ""
+    return "; ".join([*filter(None, [line]), *(f"{key}={value}" for key, value in stated.items())])
 
 
 def _write_below(figure: Figure, lines: Sequence[str]) -> None:
@@ -326,7 +326,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
             style.legend_over_figure(figure, axes[0], title, 2)
         else:
             labels = axes[0].get_legend_handles_labels()[1]
-            above = sum(each.count("\n") + 1 for each in labels)
+            above = sum(label.count("\n") + 1 for label in labels)
             axes[0].set_title(style.wrapped(title, style.TITLE_WIDTH), pad=6 + 10 * above)
     return figure, axes
 

@@ -109,7 +109,7 @@ class Request(NamedTuple):
             if len(rows := tuning.of(model))
         ]
         looks = style.looks_of([detector.name for _, detector, _, _ in shown])
-        return [TuningCurve(*each, look) for each, look in zip(shown, looks, strict=True)]
+        return [TuningCurve(*parts, look) for parts, look in zip(shown, looks, strict=True)]
 
     def of_one_table(self, figure: str) -> list[TuningCurve]:
         """Return the curves in the table's order; raise ResultError if there are more tables."""
@@ -177,13 +177,13 @@ def described(parameter: str) -> str:
 
 @cache
 def _units() -> dict[str, str]:
-    return {each.name: each.unit for each in _declared(Protocol) if each.unit}
+    return {key.name: key.unit for key in _declared(Protocol) if key.unit}
 
 
 def _declared(table: type[Table]) -> Iterator[Parameter]:
     """Yield the keys of a table, and of the tables in this table."""
-    for each in table.declared():
-        yield each
-        inner = (get_args(each.type) or (each.type,))[0]
+    for key in table.declared():
+        yield key
+        inner = (get_args(key.type) or (key.type,))[0]
         if isinstance(inner, type) and issubclass(inner, Table):
             yield from _declared(inner)

@@ -10,7 +10,6 @@ import numpy as np
 from oppload_cli.errors import OpploadError, printable
 from oppload_cli.files.atomic import PART
 from oppload_cli.models.detector import Box
-from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.palette import INK, ink_on
 from oppload_cli.results.alarms import uncounted_in
@@ -119,7 +118,7 @@ class Content:
     @property
     def strongest(self) -> Curve:
         """The curve with the largest peak; curves over a threshold come before others."""
-        return max(self.curves, key=lambda each: (each.thresholded, each.peak))
+        return max(self.curves, key=lambda curve: (curve.thresholded, curve.peak))
 
     @property
     def reason(self) -> str:
@@ -128,10 +127,10 @@ class Content:
         The text is the end of a sentence; it is empty in all other cases.
         """
         best = self.strongest
-        alarms = [each for each in self.alarms if each.curve is best]
+        alarms = [alarm for alarm in self.alarms if alarm.curve is best]
         if not best.thresholded:
             return ""
-        if best.peak > max([1.0, *(each.peak for each in alarms)]):
+        if best.peak > max([1.0, *(alarm.peak for alarm in alarms)]):
             alarms_part = self.result.part("alarms")
             return f", {uncounted_in(alarms_part, best.name, beside_alarms=bool(alarms))}"
         return ""
@@ -143,7 +142,7 @@ class Content:
         try:
             return int(facts["width"]), int(facts["height"])
         except (KeyError, TypeError, ValueError):
-            boxes = [box for each in self.boxes.values() for box in each]
+            boxes = [box for boxes in self.boxes.values() for box in boxes]
             right = max((box[0] + box[2] for box in boxes), default=16)
             bottom = max((box[1] + box[3] for box in boxes), default=9)
             return round(right), round(bottom)
@@ -153,9 +152,9 @@ class Content:
         sidecar = self.result.sidecar
         command = " ".join(map(str, sidecar["command"])) if "command" in sidecar else None
         groups: dict[str, Any] = {
-            "run": {"command": command, "preset": sidecar.get("preset")},
+            "run": {"command": command, "models": ", ".join(self.result.models)},
             **{name: self.result.part(name) for name in _PARTS},
-            **{f"parameters: {n}": each for n, each in self.result.part("parameters").items()},
+            **{f"parameters: {n}": values for n, values in self.result.part("parameters").items()},
         }
         return {
             printable(str(group)): {
@@ -257,11 +256,11 @@ def _truth(result: BaseResult) -> dict[str, Any] | None:
     truth = find_truth(result)
     if truth is None:
         return None
-    by_frame = {int(each["frame"]): each for each in truth["frames"]}
+    by_frame = {int(frame["frame"]): frame for frame in truth["frames"]}
     frames = [by_frame.get(int(frame)) for frame in result.frames["frame"]]
     return {
-        "sizes": {str(name): [*map(_short, each)] for name, each in sizes_in(frames).items()},
-        "looming": [bool(each and each["looming"]) for each in frames],
+        "sizes": {str(name): [*map(_short, sizes)] for name, sizes in sizes_in(frames).items()},
+        "looming": [bool(frame and frame["looming"]) for frame in frames],
         "contacts": contacts_of(truth),
     }
 
@@ -288,9 +287,7 @@ def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
     notes += map(str, result.sidecar.get("remarks", ()))
     off = [curve.label for curve in curves if not curve.thresholded]
     if off:
-        preset = PRESETS.get(result.sidecar.get("preset", ""))
-        why = f" ({preset.name}: {preset.no_alarm})" if preset and preset.no_alarm else ""
-        notes.append(f"no alarm of {', '.join(off)}{why}: each curve is divided by its peak")
+        notes.append(f"no alarm of {', '.join(off)}: each curve is divided by its peak")
     return notes
 
 
@@ -299,7 +296,7 @@ def _as_text(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_as_text(each)}" for name, each in value.items())
+        return ", ".join(f"{name} {_as_text(inner)}" for name, inner in value.items())
     return ", ".join(map(_as_text, value)) or "none" if isinstance(value, list) else str(value)
 
 

@@ -164,8 +164,8 @@ def write_report(
         if index and progress:
             progress(1)
     ordered = [by_position[position] for position in range(len(items))]
-    entries = [each for each in ordered if isinstance(each, _IndexRow)]
-    failures = [each for each in ordered if isinstance(each, OpploadError)]
+    entries = [entry for entry in ordered if isinstance(entry, _IndexRow)]
+    failures = [failure for failure in ordered if isinstance(failure, OpploadError)]
     if not entries:
         raise failures[0]
     if index is not None:
@@ -179,11 +179,11 @@ def write_report(
 def _pages(tables: Sequence[Path], roots: Sequence[Path] | None) -> Iterator[PurePosixPath]:
     """Yield the name of each page below their folder; a number keeps equal names different."""
     taken: set[PurePosixPath] = set()
-    for table, root in zip(tables, roots or [each.parent for each in tables], strict=True):
+    for table, root in zip(tables, roots or [table.parent for table in tables], strict=True):
         folder = PurePosixPath(table.parent.relative_to(root).as_posix())
         numbers = chain([""], (f"-{number}" for number in count(2)))
         names = (folder / f"{stem_of(table)}{number}{PAGE}" for number in numbers)
-        name = next(each for each in names if each not in taken)
+        name = next(name for name in names if name not in taken)
         taken.add(name)
         yield name
 
@@ -276,7 +276,7 @@ def _page(item: _Item, content: Content, copy: _VideoCopy | None, notes: list[st
 
 def _index_page(index: Path, entries: Sequence[_IndexRow], failures: Sequence[str]) -> str:
     """Return the index as HTML: results with alarms come first, in the order of their peaks."""
-    ordered = sorted(entries, key=lambda each: (not each.alarms, -each.peak, each.title))
+    ordered = sorted(entries, key=lambda entry: (not entry.alarms, -entry.peak, entry.title))
     return rendered(
         "index.html",
         package=__package__,
@@ -284,8 +284,8 @@ def _index_page(index: Path, entries: Sequence[_IndexRow], failures: Sequence[st
         policy=_policy(_script("index")),
         script=_script("index"),
         entries=ordered,
-        alarmed=sum(bool(each.alarms) for each in entries),
-        detectors=list(dict.fromkeys(spark[:2] for each in ordered for spark in each.sparks)),
+        alarmed=sum(bool(entry.alarms) for entry in entries),
+        detectors=list(dict.fromkeys(spark[:2] for entry in ordered for spark in entry.sparks)),
         failures=[printable(failure) for failure in failures],
         spark_size=_SPARK,
         threshold_row=_spark_row(1.0),
@@ -350,8 +350,8 @@ def _template(*names: str) -> str:
 def _policy(*scripts: str) -> str:
     """Return a content security policy that allows these scripts and no network."""
     hashes = " ".join(
-        f"'sha256-{base64.b64encode(hashlib.sha256(each.encode()).digest()).decode()}'"
-        for each in scripts
+        f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+        for script in scripts
     )
     return (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data:; "
@@ -395,7 +395,10 @@ def _copy_video(
             on_failure.callback(recording.abandon)
             colour = Colour(source.facts, size)
             ahead = Prefetch(
-                ((each.index, each.time_s, colour.planes(each)) for each in span.within(source)),
+                (
+                    (frame.index, frame.time_s, colour.planes(frame))
+                    for frame in span.within(source)
+                ),
                 _AHEAD,
             )
             for frame, time_s, planes in ahead:

@@ -55,7 +55,7 @@ class _AlarmEvent:
             response = record.responses[model]
             names = detector_named(model).witnesses
             values = {name: getattr(response, name) for name in names}
-            # Under another preset, or without a flow, the response rests on one witness alone.
+            # Without a flow the response rests on one witness alone.
             self.witnesses = {} if None in values.values() else values
             self.box = list(detection.box) if detection is not None else self.box
 

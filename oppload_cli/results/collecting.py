@@ -13,7 +13,6 @@ from oppload_cli.errors import NoResultError, ResultError
 from oppload_cli.files.atomic import refuse_existing
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading
 from oppload_cli.files.tables import Cell, open_table, typed
-from oppload_cli.models.presets import NATIVE
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.cells import ANOTHER_RESULT, check_frames, kind_of_column, read_table
@@ -27,6 +26,7 @@ from oppload_cli.results.table import (
     read_sidecar,
 )
 from oppload_cli.schema import parsed_fraction
+from oppload_cli.video.frames import NATIVE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -45,7 +45,6 @@ _ABOUT_INPUT: dict[str, tuple[type, str, str]] = {
     "frame_rate": (float, "input", "frame_rate"),
     "working_width": (int, "working", "width"),
     "working_height": (int, "working", "height"),
-    "preset": (str, "", "preset"),
     "decoded": (int, "decode", "decoded"),
     "analysed": (int, "decode", "analysed"),
     "missing": (int, "decode", "missing"),
@@ -161,17 +160,17 @@ def _add_settings(settings: defaultdict[str, set[str]], content: dict[str, Any])
     At the native height the parameters are left out, because sizes follow from the input there.
     """
     height, groups = content.get("height"), content.get("parameters")
-    settings["preset"].add(str(content.get("preset")))
-    settings["--height"].add(str(height or NATIVE))
-    for group, values in groups.items() if height and isinstance(groups, dict) else ():
+    settings["--height"].add(str(height or NATIVE))  # null before 1.0
+    native = height in {None, NATIVE}
+    for group, values in groups.items() if not native and isinstance(groups, dict) else ():
         for name, value in values.items() if isinstance(values, dict) else ():
             settings[f"{group}.{name}"].add("auto" if value is None else str(value))
 
 
 def _differences(settings: Mapping[str, set[str]]) -> str:
-    """Return the settings with several values; parameters only at one preset and one height."""
+    """Return the settings with several values; parameters only at one height."""
     several = [name for name, values in settings.items() if len(values) > 1]
-    decisive = [name for name in several if name in {"preset", "--height"}]
+    decisive = [name for name in several if name == "--height"]
     shown = decisive or several[:_SHOWN]
     texts = [f"{name} {', '.join(sorted(settings[name]))}" for name in shown]
     omitted = ["..."] if not decisive and len(several) > _SHOWN else []
@@ -183,17 +182,16 @@ def _frame_columns(tables: Iterable[Path]) -> dict[str, type]:
 
     The columns of the detectors that run by default are always among them.
     """
-    used, presets, details, degrees = set(default_names()), set(), False, False
+    used, details, degrees = set(default_names()), False, False
     for table in tables:
         with suppress(ResultError):  # reading the rows raises the error again
             content = _sidecar(table)
             models = content.get("models")
             used.update(map(str, models if isinstance(models, list) else ()))
-            presets.add(str(content.get("preset")))
             details = details or content.get("columns") == "all"
             degrees = degrees or bool(content.get("field_of_view"))
     models = [name for name in known_names() if name in used]
-    columns = columns_for(models, rmo=True, details=details, degrees=degrees, presets=presets)
+    columns = columns_for(models, rmo=True, details=details, degrees=degrees)
     kinds = {column.name: kind_of_column(column.name) for column in columns}
     return {"result": str, "input": str, **kinds}
 

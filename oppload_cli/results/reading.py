@@ -52,7 +52,6 @@ _TYPES: dict[str, type] = {
     **dict.fromkeys(("input", "working", "decode", "tool", "parameters", "alarms"), dict),
     **dict.fromkeys(("stimulus", "figure", "changed"), dict),
     **dict.fromkeys(("command", "remarks", "doubts"), list),
-    "preset": str,
 }
 
 

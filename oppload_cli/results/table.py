@@ -19,7 +19,7 @@ from oppload_cli.models.columns import COMMON, COMMON_DETAILS, PLACE, RMO, VIEW,
 from oppload_cli.models.registry import detector_named
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from oppload_cli.detection.places import Detection
@@ -34,7 +34,6 @@ def columns_for(
     rmo: bool,
     details: bool = False,
     degrees: bool = False,
-    presets: Collection[str] | None = None,
 ) -> tuple[Column, ...]:
     """Return the columns of a result: those of all frames, of each detector, then of RMO.
 
@@ -48,15 +47,11 @@ def columns_for(
         Whether to include the inner values of the detectors (``--columns all``).
     degrees : bool
         Whether to include the columns in degrees, which need a known field of view.
-    presets : collection of str, optional
-        If given, columns that exist only under other presets are left out.
     """
     of_models = tuple(
         column
         for name in models
-        for column in columns_of(
-            detector_named(name), details=details, degrees=degrees, presets=presets
-        )
+        for column in columns_of(detector_named(name), details=details, degrees=degrees)
     )
     return COMMON + (COMMON_DETAILS if details else ()) + of_models + (RMO if rmo else ())
 

@@ -91,7 +91,7 @@ def present(
     indicator_s : float
         Time constant in s of a calcium indicator that shows the responses; 0 for none.
     """
-    video = StimulusVideo(protocol, settings.height, times)
+    video = StimulusVideo(protocol, settings.pixels, times, settings.other_heights)
     settings = seen_in(video, settings)
     params, repeats, time = settings.model_params(), settings.repeats, settings.time
     records = list(analyse(video, params, places=None, repeats=repeats, rmo=None, time=time))

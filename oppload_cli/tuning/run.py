@@ -14,10 +14,11 @@ import numpy as np
 from oppload_cli.environment import environment
 from oppload_cli.errors import faults_at
 from oppload_cli.files.tables import csv_text
+from oppload_cli.models.opplod_lplc2 import OpplodLplc2Params
 from oppload_cli.models.registry import (
-    alarm_floor_of,
     detector_named,
     is_rounding_error,
+    least_response_of,
     parameters_of,
 )
 from oppload_cli.pipeline.sources import StimulusVideo
@@ -46,7 +47,6 @@ _PRESENTATION = "presentation"  # column of the number of a presentation in a ro
 _FAINT = 0.1  # of the floor of the alarm; a detector with smaller responses hardly responds
 _ONSET_INTERVALS = 2.5  # of 1/30 s: two intervals, and half an interval for a late frame
 _ONSET_S = _ONSET_INTERVALS / 30
-_NEURON = "arms"  # the judgement of a detector that responds like one LPLC2 neuron
 _ONE_UNIT = "1x1"
 
 
@@ -178,14 +178,13 @@ def tuning_sidecar(
     """
     entry, settings = sweep.entry.with_changes_described(), sweep.settings
     first = entry.protocols()[0]
-    video = StimulusVideo(first, settings.height)
+    video = StimulusVideo(first, settings.pixels, others=settings.other_heights)
     height = min(video.working.shape)
     resolved = seen_in(video, settings.with_all_detectors()).resolved(height)
     content = {
         "schema": _SCHEMA,
         "tool": environment(),
         "command": list(command),
-        "preset": settings.preset,
         "models": list(settings.models),
         "height": settings.height,
         "parameters": {name: params.as_dict() for name, params in resolved.items()},
@@ -207,12 +206,12 @@ def tuning_sidecar(
 
 
 def _changed(settings: Settings, resolved: Mapping[str, Parameters], height: int) -> dict[str, Any]:
-    """Return the parameters of the measured detectors that differ from those of the preset.
+    """Return the parameters of the measured detectors that differ from the defaults.
 
     `height` is the working height, for which the parameters are `resolved`.
     """
     usual = {
-        name: parameters_of(name, settings.preset).resolved(height).as_dict()
+        name: parameters_of(name).resolved(settings.height_of(name, height)).as_dict()
         for name in settings.models
     }
     changed: dict[str, Any] = {}
@@ -279,26 +278,24 @@ def faint(peaks: Mapping[str, float], settings: Settings) -> Iterator[Doubt]:
 
     `peaks` has the largest response of each detector without an indicator.
     """
-    floor_of = "the floor of its alarm"
-    if not settings.alarm.on:
-        floor_of = "the floor of its alarm under other presets (here the alarms are off)"
-    under = f"to this stimulus under preset {settings.preset}"
-    advice = "try other speeds, or another preset ('oppload models')"
+    advice = "try other speeds, or another model ('oppload models')"
     for name, peak in peaks.items():
-        floor, label = alarm_floor_of(name, settings.preset), detector_named(name).label
+        floor, label = least_response_of(name), detector_named(name).label
+        alarmed = name in settings.with_alarm
+        floor_of = "the floor of its alarm" if alarmed else "its least response of an object"
         if is_rounding_error(peak, floor):
             yield Doubt(
                 name,
                 "below a millionth of its floor",
-                f"{label} does not respond {under}: its largest response is below a millionth of "
-                f"{floor_of}, {floor:g}, and may be a rounding error; {advice}",
+                f"{label} does not respond to this stimulus: its largest response is below a "
+                f"millionth of {floor_of}, {floor:g}, and may be a rounding error; {advice}",
             )
         elif peak < _FAINT * floor:
             yield Doubt(
                 name,
                 "below a tenth of its floor",
-                f"{label} hardly responds {under}: its largest response, {peak:.2g}, is below a "
-                f"tenth of {floor_of}, {floor:g}, so that the shape of its curve means little; "
+                f"{label} hardly responds to this stimulus: its largest response, {peak:.2g}, is "
+                f"below a tenth of {floor_of}, {floor:g}, so that the shape of its curve means little; "
                 f"{advice}",
             )
 
@@ -468,12 +465,12 @@ def _unlike_neurons(settings: Settings, indicator_s: float) -> Iterator[Doubt]:
     """
     for name in settings.models:
         params = settings.groups[name]
-        if getattr(params, "judgement", "") != _NEURON:
+        if not isinstance(params, OpplodLplc2Params):
             continue
         remedies = {}  # by cause
         if not indicator_s:
             remedies["no indicator"] = "--indicator 1"
-        if getattr(params, "units", _ONE_UNIT) != _ONE_UNIT:
+        if params.units != _ONE_UNIT:
             remedies["more than one unit"] = f"--set {name}.units={_ONE_UNIT}"
         if remedies:
             cause = " and ".join(remedies)

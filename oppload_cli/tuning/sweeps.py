@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 
+_NEURONS = "klapoetke2017/"  # stimuli that were shown to LPLC2 neurons
+_USUAL = "opplod_reference", "dlgmd"
 _EVERY = "all"
 _MOST_VALUES = 1000
 # Values of an option --over, in messages; single quotes keep the shell from changing the brackets.
@@ -207,7 +209,15 @@ def _sweep_of(
     values = {key: value_at(entry.table, key) for key in sorted(replaced)}
     fixed = {key: value for key, value in values.items() if value is not None}
     changes = {key: value for key, value in changes.items() if key not in entry.sweep}
-    return Sweep(entry, resolve(**settings), fixed=fixed, changes=changes)
+    resolved = resolve(**settings, usual=_models_for(named.name))
+    return Sweep(entry, resolved, fixed=fixed, changes=changes)
+
+
+def _models_for(stimulus: str) -> tuple[str, ...]:
+    """Return the detectors that tune shows if the user names none: those that fit the stimulus."""
+    if stimulus.startswith(_NEURONS):
+        return "opplod_lplc2", "opplod_reference"
+    return _USUAL
 
 
 def _figure_sweep(
@@ -236,7 +246,7 @@ def _figure_sweep(
                 )
         entry = replace(entry, sweep=entry.sweep | chosen)
     assignments = [*figure.settings, *settings.get("assignments", ())]
-    resolved = resolve(**{**settings, "assignments": assignments})
+    resolved = resolve(**{**settings, "assignments": assignments}, usual=_USUAL)
     words = {"name": name, "title": figure.title, "kind": figure.kind}
     entry = replace(entry, name=name)
     return Sweep(entry, resolved, figure.presentations, words, changes=changes)

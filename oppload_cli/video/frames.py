@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections import deque
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -15,13 +16,16 @@ from oppload_cli.errors import ParameterError, SourceError, counted
 from oppload_cli.schema import is_integer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     import numpy as np
     from av.video.frame import VideoFrame
     from numpy.typing import NDArray
 
 
+WORKING_HEIGHT = 240  # px; the height at which the frames themselves are measured
+HIGHEST = 8192  # px; largest working height
+AUTO, NATIVE = "auto", "native"  # working heights: those of the detectors; that of the video
 USUAL_RATE = Fraction(30)  # frames/s, assumed if an input states no rate
 _LEAST_RATE = 9.0  # frames/s; at lower rates few responses have a meaning (docs/time.md)
 # Slow parts that last so long in all give a remark, even if the rate of most frames is higher.
@@ -52,6 +56,8 @@ class Frame:
         Presentation time minus that of frame 0, in seconds.
     luma : ndarray of float32, shape (height, width)
         Luminance, 0 to 1, at the working size.
+    others : mapping of tuple of int to ndarray of float32
+        The same luminance at other sizes that some detectors need, by height and width.
     colour : ndarray of uint8, shape (rows, columns, 3), or None
         The picture as displayed, in blue, green and red; None unless it was asked for.
 
@@ -68,6 +74,13 @@ class Frame:
     time_s: float
     luma: NDArray[np.float32]
     colour: NDArray[np.uint8] | None = None
+    others: Mapping[tuple[int, int], NDArray[np.float32]] = field(default_factory=dict)
+
+    @property
+    def lumas(self) -> Mapping[tuple[int, int], NDArray[np.float32]]:
+        """The luminance at all sizes, by height and width."""
+        height, width = self.luma.shape
+        return {(height, width): self.luma, **self.others}
 
 
 class FrameSource(Protocol):
@@ -83,6 +96,14 @@ class FrameSource(Protocol):
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames in order, once."""
+
+
+def other_sizes(
+    facts: InputFacts, working: WorkingSize, heights: Iterable[int]
+) -> list[WorkingSize]:
+    """Return the working sizes of some heights in px that differ from the main one."""
+    sizes = dict.fromkeys(WorkingSize.of(facts, height) for height in heights)
+    return [size for size in sizes if size.shape != working.shape]
 
 
 class DecodedSource(FrameSource, Protocol):
@@ -383,7 +404,7 @@ _LEAST_SIDE = 13  # px; in smaller frames OppLoD and D-LGMD do not respond to a 
 # Most pixels of any working frame, and of an enlarged one. The detectors need about 100 bytes per
 # pixel, and an enlarged frame shows no more detail than its picture.
 _MOST_WORKING_PIXELS, _MOST_ENLARGED = 1 << 25, 1 << 22
-_USUAL_ENLARGING = 2.5  # preset paper, at 600 px, enlarges a video of 240 px by this factor
+_USUAL_ENLARGING = 2.5  # opplod_paper, at 600 px, enlarges a video of 240 px by this factor
 
 
 class WorkingSize(NamedTuple):
@@ -444,6 +465,30 @@ class WorkingSize(NamedTuple):
     def coded(self, rotation: int) -> tuple[int, int]:
         """Return width and height before the picture is turned by `rotation` degrees."""
         return turned(self.width, self.height, rotation)
+
+
+def parse_height(value: str | int) -> int | str:
+    """Return a working height in pixels, ``auto`` or ``native``.
+
+    Raises
+    ------
+    ParameterError
+        If `value` is none of these words and not an integer from 1 to 8192.
+    """
+    text = str(value)
+    if text in {AUTO, NATIVE}:
+        return text
+    if not re.fullmatch(r"[0-9]{1,4}", text) or not 1 <= int(text) <= HIGHEST:
+        raise ParameterError(
+            f"height must be 'auto', 'native' or a whole number of pixels from 1 to {HIGHEST}, "
+            f"not '{value}'"
+        )
+    return int(text)
+
+
+def pixels_of(height: int | str, own: int = WORKING_HEIGHT) -> int | None:
+    """Return a working height in pixels, None for ``native``, and `own` for ``auto``."""
+    return own if height == AUTO else None if isinstance(height, str) else height
 
 
 def sizes_in_words(facts: InputFacts, working: WorkingSize) -> str:

@@ -35,7 +35,7 @@ if sys.platform != "win32":
     import resource
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from fractions import Fraction
     from multiprocessing.connection import Connection
 
@@ -65,17 +65,19 @@ class Opening:
         *,
         height: int | None,
         span: Span,
+        others: Sequence[int] = (),
         image_rate: Fraction | None = None,
         true_rate: Fraction | None = None,
         threads: int = 0,
         colour: bool = False,
         own_process: bool = False,
     ) -> None:
-        self.height, self._span, self._colour = height, span, colour
+        self.height, self._span, self._others, self._colour = height, span, others, colour
         self._video: Video | None = None
         self._process: _DecodingProcess | None = None
-        # Pictures in colour are too large for the shared memory.
-        if own_process and not colour and is_video_file(name) and cores() > 1 and _can_fork():
+        # Pictures in colour, and of several sizes, are too large for the shared memory.
+        alone = own_process and not colour and not others
+        if alone and is_video_file(name) and cores() > 1 and _can_fork():
             # `os` has no `memfd_create` with some C libraries, and limits of files, processes or
             # sizes may forbid a process or shared memory.
             with suppress(OSError, AttributeError):
@@ -96,7 +98,8 @@ class Opening:
         if self._process is not None:
             self._video = Video(self._process.opened(), self.height, Span(), ahead=False)
         else:
-            self._video = Video(self._call.result(), self.height, self._span, colour=self._colour)
+            source, others, colour = self._call.result(), self._others, self._colour
+            self._video = Video(source, self.height, self._span, others=others, colour=colour)
             self._video.begin()
         return self._video
 

@@ -14,11 +14,13 @@ from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.schema import is_integer
 from oppload_cli.video.frames import (
     MOST_WAITING,
+    WORKING_HEIGHT,
     Frame,
     FrameTimes,
     WorkingSize,
     frames_ahead,
     no_true_rate,
+    other_sizes,
     sizes_in_words,
 )
 from oppload_cli.video.inputs import NUMBER, checked_rate, is_camera, is_image_file
@@ -26,14 +28,13 @@ from oppload_cli.video.luminance import Luminance
 from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from fractions import Fraction
 
     from oppload_cli.video.frames import DecodeFacts, InputFacts, PictureSource
     from oppload_cli.video.writers import Colour
 
 
-_DEFAULT_HEIGHT = 240
 _DEVICE = re.compile("/dev/video([0-9]+)")  # of a camera on Linux, also at the end of a link
 
 
@@ -48,6 +49,8 @@ class Video:
     ----------
     working : WorkingSize
         Size of the frames, and of their pixels in source pixels.
+    others : list of WorkingSize
+        Further sizes that each frame has.
     times : FrameTimes
         The times of the frames so far.
 
@@ -70,6 +73,7 @@ class Video:
         height: int | None,
         span: Span,
         *,
+        others: Sequence[int] = (),
         colour: bool = False,
         ahead: bool = True,
     ) -> None:
@@ -78,11 +82,13 @@ class Video:
         self._iterator: Iterator[Frame] | None = None
         try:
             self.working = WorkingSize.of(source.facts, height)
+            self.others = other_sizes(source.facts, self.working, others)
         except BaseException:
             source.close()
             raise
         self.times = FrameTimes(source.facts.rate_declared)
         self._luminance = Luminance(self.working, source.facts)
+        self._others = {size.shape: Luminance(size, source.facts) for size in self.others}
         self._colour: Colour | None = None
         if colour:
             from oppload_cli.video.writers import Colour  # only for annotated videos
@@ -148,13 +154,16 @@ class Video:
             time_s = self.times.step(picture.time_s)
             if self.facts.live:
                 self.times.arrived(set_by_s + perf_counter())
-            yield Frame(picture.index, time_s, self._luminance(picture), colour)
+            luma = self._luminance(picture)
+            others = {shape: convert(picture) for shape, convert in self._others.items()}
+            yield Frame(picture.index, time_s, luma, colour, others)
 
 
 def open_video(
     name: str | Path,
     *,
-    height: int | None = _DEFAULT_HEIGHT,
+    height: int | None = WORKING_HEIGHT,
+    others: Sequence[int] = (),
     span: Span | None = None,
     image_rate: float | Fraction | None = None,
     true_rate: float | Fraction | None = None,
@@ -171,6 +180,8 @@ def open_video(
     height : int or None
         Working height in pixels, at least 1; the width is in proportion. None keeps the native
         size.
+    others : sequence of int
+        Further working heights in pixels: each frame also has its luminance at these.
     span : Span, optional
         The part of the input to read.
     image_rate : float or Fraction, optional
@@ -211,7 +222,7 @@ def open_video(
     rates = checked_rate(image_rate, "image_rate"), checked_rate(true_rate, "true_rate")
     # A thread opens the input, because Ctrl-C has no effect while a library call blocks.
     source = Call(lambda: source_of(str(name), *rates, threads)).result()
-    return Video(source, height, span or Span(), colour=colour)
+    return Video(source, height, span or Span(), others=others, colour=colour)
 
 
 def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:

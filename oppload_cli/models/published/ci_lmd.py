@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Response, inner
+from oppload_cli.models.detector import AlarmRule, Response, inner
 from oppload_cli.models.published.parts import (
     DECAY,
     EDGE,
@@ -70,7 +70,7 @@ class CiLmd(ChangeDetector):
     response_column = "grey levels", "sum of G, divided by the number of pixels"
     responses = CiLmdResponse
     parameters = CiLmdParams
-    alarm_floors: ClassVar = {"default": 9.0}
+    alarm: ClassVar = AlarmRule(9.0)
     year = 2026
     reference = "Fu, CI model for looming detection"
     answers_to = "places where a strong change has just ended; not weak edges"

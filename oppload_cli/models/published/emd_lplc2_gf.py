@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Box, Response, inner
+from oppload_cli.models.detector import AlarmRule, Box, Response, inner
 from oppload_cli.models.published.parts import ChangeDetector
 from oppload_cli.schema import Parameters, parameter
 
@@ -149,7 +149,7 @@ class EmdLplc2Gf(ChangeDetector):
     least_size = (8, 8)
     responses = EmdLplc2GfResponse
     parameters = EmdLplc2GfParams
-    alarm_floors: ClassVar = {"default": 1.0}
+    alarm: ClassVar = AlarmRule(1.0)
     places = True
     precision = np.float64
 

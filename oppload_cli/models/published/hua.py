@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Detector, Response, inner
+from oppload_cli.models.detector import AlarmRule, Detector, Response, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.published.parts import (
     DECAY,
@@ -217,7 +217,7 @@ class HuaFixed(Detector):
     evaluated = False
     responses = HuaResponse
     parameters: ClassVar[type[Parameters]] = HuaFixedParams
-    alarm_floors: ClassVar = {"default": 7000.0}
+    alarm: ClassVar = AlarmRule(7000.0)
     warm_up = _FIRST_FRAME
 
     params: HuaFixedParams
@@ -276,7 +276,7 @@ class HuaLiteral(HuaFixed):
     meaning = "LPLC2 network about the centre of view (after Hua et al. 2022), as coded"
     answers_to = "motion sideways out of the middle and vertically into it, summed over all frames"
     parameters: ClassVar[type[Parameters]] = HuaLiteralParams
-    alarm_floors: ClassVar = {"default": 100_000.0}
+    alarm: ClassVar = AlarmRule(100_000.0)
 
     way_below: ClassVar[int] = 1
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Response, inner
+from oppload_cli.models.detector import AlarmRule, Response, inner
 from oppload_cli.models.published.parts import (
     ZERO,
     ChangeDetector,
@@ -131,7 +131,7 @@ class Lgmd1Group(_Persistent):
     response_column = "grey levels", "K, the sum of G, divided by the number of pixels"
     responses = Lgmd1GroupResponse
     parameters = Lgmd1GroupParams
-    alarm_floors: ClassVar = {"default": 200.0}
+    alarm: ClassVar = AlarmRule(200.0)
     year = 2006
     reference = "Yue and Rind, with grouping, as coded by Fu for pLGMD"
     answers_to = "moving edges, dark or bright, in clusters, and places that edges have passed"
@@ -166,13 +166,12 @@ class Lgmd1GroupPaper(Lgmd1Group):
     """The LGMD1 with grouping and the persistence of the papers, ``p_i = 1 / (1 + e^i)``."""
 
     name = "lgmd1_group_paper"
-    variant_of = "lgmd1_group"
     label = "LGMD1 (paper)"
     colour = "#6652C4"
     meaning = "LGMD1 with grouping and a persistence that forgets"
     parameters = Lgmd1GroupPaperParams
     answers_to = "moving edges, dark or bright, in clusters"
-    alarm_floors: ClassVar = {"default": 110.0}
+    alarm: ClassVar = AlarmRule(110.0)
 
 
 # ---- pLGMD ---------------------------------------------------------------------------------
@@ -225,7 +224,7 @@ class Plgmd(_Persistent):
     response_column = "grey levels", "mean sum of G, divided by the number of pixels"
     responses = PlgmdResponse
     parameters = PlgmdParams
-    alarm_floors: ClassVar = {"default": 20.0}
+    alarm: ClassVar = AlarmRule(20.0)
     year = 2023
     reference = "Fu, pLGMD"
     answers_to = "moving edges in clusters, and places that edges have passed; hardly weak motion"

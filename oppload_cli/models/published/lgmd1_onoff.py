@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from oppload_cli.models.detector import Column, Response, inner
+from oppload_cli.models.detector import AlarmRule, Column, Response, inner
 from oppload_cli.models.published.parts import (
     Adaptation,
     ChangeDetector,
@@ -84,7 +84,7 @@ class Lgmd1Onoff(ChangeDetector):
     )
     responses = Lgmd1OnoffResponse
     parameters = Lgmd1OnoffParams
-    alarm_floors: ClassVar = {"default": 5.7}
+    alarm: ClassVar = AlarmRule(5.7)
     year = 2018
     reference = "Fu, Hu, Peng and Yue, Neural Networks"
     answers_to = "edges that brighten, and the surroundings of edges that darken"

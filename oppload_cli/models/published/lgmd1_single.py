@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response, inner
+from oppload_cli.models.detector import AlarmRule, Column, Response, inner
 from oppload_cli.models.published.parts import (
     ChangeDetector,
     at_least,
@@ -89,7 +89,7 @@ class Lgmd1Single(ChangeDetector):
     columns = (Column("collision", "0 or 1", "1 once five spikes came in a row; it stays 1"),)
     responses = Lgmd1SingleResponse
     parameters = Lgmd1SingleParams
-    alarm_floors: ClassVar = {"default": 2.7}
+    alarm: ClassVar = AlarmRule(2.7)
     year = 2006
     reference = "Yue and Rind, IEEE Trans. Neural Networks, as coded by Fu"
     answers_to = "edges that brighten, until just before contact; not dark objects"
@@ -129,10 +129,9 @@ class Lgmd1SinglePaper(Lgmd1Single):
     """The LGMD1 of Yue and Rind 2006 with absolute changes, as the paper has it."""
 
     name = "lgmd1_single_paper"
-    variant_of = "lgmd1_single"
     label = "LGMD1 (single, paper)"
     colour = "#AC4F76"
     meaning = "LGMD1, one pathway of absolute changes, gated by the mean change"
     parameters = Lgmd1SinglePaperParams
     answers_to = "edges that brighten or darken, until just before contact"
-    alarm_floors: ClassVar = {"default": 5.5}
+    alarm: ClassVar = AlarmRule(5.5)

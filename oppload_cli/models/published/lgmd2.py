@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response, inner
+from oppload_cli.models.detector import AlarmRule, Column, Response, inner
 from oppload_cli.models.published.parts import (
     EDGE,
     Adaptation,
@@ -87,7 +87,7 @@ class Lgmd2(ChangeDetector):
     columns = (Column("collision", "0 or 1", "1 while at least 8 spikes came without a pause"),)
     responses = Lgmd2Response
     parameters = Lgmd2Params
-    alarm_floors: ClassVar = {"default": 1.7}
+    alarm: ClassVar = AlarmRule(1.7)
     year = 2019
     reference = "Fu, Hu, Peng, Rind and Yue, IEEE Trans. Cybernetics"
     answers_to = "edges that darken: dark objects that approach, not bright ones"

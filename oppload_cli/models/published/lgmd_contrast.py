@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Response, inner
+from oppload_cli.models.detector import AlarmRule, Response, inner
 from oppload_cli.models.published.parts import (
     MIRROR,
     ChangeDetector,
@@ -70,7 +70,7 @@ class LgmdContrast(ChangeDetector):
     response_column = "", "sum of G, divided by the number of pixels"
     responses = LgmdContrastResponse
     parameters = LgmdContrastParams
-    alarm_floors: ClassVar = {"default": 0.27}
+    alarm: ClassVar = AlarmRule(0.27)
     year = 2022
     reference = "Fu, Li and Peng, Array"
     answers_to = "changes over areas, at any contrast; also flashes"

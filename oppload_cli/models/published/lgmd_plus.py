@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response, inner
+from oppload_cli.models.detector import AlarmRule, Column, Response, inner
 from oppload_cli.models.published.parts import (
     EDGE,
     Adaptation,
@@ -89,7 +89,7 @@ class LgmdPlus(ChangeDetector):
     )
     responses = LgmdPlusResponse
     parameters = LgmdPlusParams
-    alarm_floors: ClassVar = {"default": 2.1}
+    alarm: ClassVar = AlarmRule(2.1)
     year = 2020
     reference = "Fu, Wang, Peng and Yue, IEEE Access"
     answers_to = "strong moving edges, brightening ones twice as much, mostly away from the centre"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Box, Response, inner
+from oppload_cli.models.detector import AlarmRule, Box, Response, inner
 from oppload_cli.models.published.parts import (
     DECAY,
     USUAL_RATE,
@@ -193,7 +193,7 @@ class Mlplc2(ChangeDetector):
     least_size = (15, 15)
     responses = Mlplc2Response
     parameters = Mlplc2Params
-    alarm_floors: ClassVar = {"default": 25_000.0}
+    alarm: ClassVar = AlarmRule(25_000.0)
     places = True
     precision = np.float64
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import OpploadError, ParameterError
-from oppload_cli.models.detector import Detector, Response, inner
+from oppload_cli.models.detector import AlarmRule, Detector, Response, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.published.parts import EDGE, sigmoid
 from oppload_cli.schema import Parameters, parameter
@@ -137,7 +137,7 @@ class ZhouLrf(Detector):
     responses = ZhouLrfResponse
     parameters = ZhouLrfParams
     evaluated = False
-    alarm_floors: ClassVar = {"default": 3.0}
+    alarm: ClassVar = AlarmRule(3.0)
 
     params: ZhouLrfParams
 
