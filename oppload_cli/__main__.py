@@ -16,7 +16,6 @@ def entry() -> NoReturn:
 
     The exit does not delete every object of the interpreter, which would take 0.06 s, 4 % of a run.
     """
-    _open_standard_streams()
     _set_standard_output()
     # oppload multiplies no large matrices; starting threads for them takes 0.1 s.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -43,17 +42,6 @@ def entry() -> NoReturn:
         except (OSError, ValueError, AttributeError):
             raise ended from None  # Python's normal exit reports a closed or full stream
         os._exit(int(ended.code or 0))
-
-
-def _open_standard_streams() -> None:
-    """Open the null device in place of closed standard streams, also for further processes.
-
-    Otherwise a file or the pipe to a process would get the number of such a stream, and libraries
-    would write their messages into it.
-    """
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
-        os.set_inheritable(descriptor, True)
-    os.close(descriptor)
 
 
 def _set_standard_output() -> None:

@@ -210,8 +210,6 @@ def read_list(source: str, *, null: bool = False) -> list[str]:
 
 def _content(source: str) -> bytes:
     if source == _STANDARD_INPUT:
-        if sys.stdin is None:  # after "oppload ... <&-"
-            raise ParameterError("--files-from -: standard input is closed; pipe a list into it")
         # In a thread: while the program before the pipe is slow, Ctrl-C must still work.
         content: bytes = Call(sys.stdin.buffer.read).result()
         return content

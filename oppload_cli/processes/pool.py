@@ -16,7 +16,7 @@ from contextlib import closing, contextmanager, suppress
 from enum import Enum
 from functools import partial
 from itertools import islice
-from multiprocessing import resource_tracker, spawn
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from threading import Thread
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
@@ -165,7 +165,7 @@ class _Workers:
         ours, theirs = context.Pipe()
         arguments = (theirs, self._function, self._threads)
         process = context.Process(target=_serve, args=arguments, daemon=True)
-        with _ctrl_c_held_back(), _folder_inherited():
+        with _ctrl_c_held_back():
             process.start()
         self._processes.append(process)
         theirs.close()  # only the process holds this end then: the pipe closes when it ends
@@ -208,25 +208,6 @@ def _ctrl_c_held_back() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, former_mask)
-
-
-@contextmanager
-def _folder_inherited() -> Iterator[None]:
-    """Let a process that starts within inherit the current folder.
-
-    Python would make it change to this folder once more, by its path. That fails if the path is too
-    long, or leads through a folder that the user may not search, as after ``sudo -u NAME``.
-    """
-    original = spawn.get_preparation_data
-
-    def without_folder(name: str) -> dict[str, Any]:
-        return {key: value for key, value in original(name).items() if key != "dir"}
-
-    spawn.get_preparation_data = without_folder
-    try:
-        yield
-    finally:
-        spawn.get_preparation_data = original
 
 
 def _serve(connection: Connection, function: Callable[[Any, Tell], object], threads: int) -> None:

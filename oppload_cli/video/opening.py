@@ -118,11 +118,9 @@ def _can_fork() -> bool:
     """Return whether this process can be forked safely.
 
     If a process has several threads, its copy may hang; only Linux counts the threads of libraries
-    too. If a standard stream is closed, a pipe would get the number of this stream, and libraries
-    would write their messages into the pipe. A limit of the size of files also limits the shared
-    memory.
+    too. A limit of the size of files also limits the shared memory.
     """
-    if sys.platform != "linux" or None in (sys.stdin, sys.stdout, sys.stderr):
+    if sys.platform != "linux":
         return False
     if resource.getrlimit(resource.RLIMIT_FSIZE)[0] != resource.RLIM_INFINITY:
         return False

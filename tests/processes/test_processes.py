@@ -39,15 +39,6 @@ def test_results_keep_their_order(jobs: int) -> None:
     assert results(squared, [], jobs, named=str) == []
 
 
-@pytest.mark.long
-def test_processes_start_in_a_folder_that_has_no_usable_path(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # As after `sudo -u NAME` in a folder below one that the user may not search.
-    monkeypatch.setattr(os, "getcwd", lambda: "/no/such/folder")
-    assert results(squared, [3, 1], 2, named=str) == [9, 1]
-
-
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_error_of_one_item_does_not_stop_the_others(jobs: int) -> None:
     told: list[int] = []

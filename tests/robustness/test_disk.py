@@ -454,17 +454,3 @@ def test_a_link_in_the_place_of_a_result_is_not_followed(clip: Path, tmp_path: P
     assert done.returncode == 0, done.stderr
     assert target.read_text() == "mine"
     assert not (out / "clip.frames.csv").is_symlink()
-
-
-@pytest.mark.long
-@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX shell")
-def test_a_closed_standard_output(clip: Path) -> None:
-    done = subprocess.run(
-        ["sh", "-c", f"exec '{sys.executable}' -m oppload_cli run '{clip}' -o - >&-"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert "standard output: " in done.stderr
-    assert "Traceback" not in done.stderr

@@ -1,4 +1,4 @@
-"""A machine that is short of memory, processes, files or room: one sentence, or fewer threads."""
+"""A machine that is short of processes or room for files: one sentence, or fewer threads."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.cli.process import python
 from tests.media import grey_frames, write_video
 from tools.attack.judge import Ended, faults, prepared
 
@@ -85,53 +84,3 @@ def test_few_processes(clip: Path, tmp_path: Path, number: int, command: str) ->
     assert done.code in {0, 3, 4}, done.stderr
     short = "no further process or thread can be started"
     assert done.code != 3 or short in done.stderr, done.stderr
-
-
-MEMORY = [60, 80, 100, 120, 150, 200, 300]
-
-
-@pytest.mark.parametrize(
-    "megabytes",
-    [pytest.param(each, marks=() if each == 100 else pytest.mark.slow) for each in MEMORY],
-)
-@pytest.mark.parametrize("limit", ["as", "data"])
-def test_little_memory(clip: Path, tmp_path: Path, megabytes: int, limit: str) -> None:
-    done = ended(tmp_path / "case", commands(clip)["alone"], **{limit: megabytes * 1000 * 1024})
-    assert done.code in {0, 3}, done.stderr
-    assert done.code == 0 or "memory is short" in done.stderr
-    if megabytes == 100:
-        assert done.code == 3
-
-
-@pytest.mark.parametrize(
-    "megabytes",
-    [pytest.param(each, marks=() if each == 520 else pytest.mark.slow) for each in (300, 500, 520)],
-)
-def test_little_memory_for_tables(clip: Path, tmp_path: Path, megabytes: int) -> None:
-    # With too little memory, Arrow would end the process, or fail without an error.
-    done = ended(tmp_path / "case", commands(clip)["tune"], **{"as": megabytes << 20})
-    assert (done.code, "memory is short" in done.stderr) == (3, True), done.stderr
-
-
-# Under a limit that leaves 4 MB to the process as it is: a small file, then a large product.
-LITTLE = """
-import resource, sys
-from pathlib import Path
-import numpy as np
-from oppload_cli.cli import _check_memory
-from oppload_cli.files.reading import text_of
-
-resource.setrlimit(resource.RLIMIT_AS, (1 << 31, resource.RLIM_INFINITY))
-_check_memory("run")
-square = np.ones((256, 256))
-pages = int(Path("/proc/self/statm").read_text().split()[0])
-used = pages * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_AS, (used + (4 << 20), resource.RLIM_INFINITY))
-print(text_of(sys.argv[1]), (square @ square)[0, 0])
-"""
-
-
-def test_memory_for_a_small_file_and_a_product(tmp_path: Path) -> None:
-    (tmp_path / "small.toml").write_text("small")
-    done = python(LITTLE, tmp_path / "small.toml", OPENBLAS_NUM_THREADS="1")
-    assert done.stdout == "small 256.0\n", done.stderr

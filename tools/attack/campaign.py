@@ -78,7 +78,6 @@ def keep(case: Case, ended: Ended, wrong: list[str], folder: Path) -> None:
         "words": case.words,
         "limits": case.limits,
         "environment": case.environment,
-        "closed": case.closed,
         "one_core": case.one_core,
         "umask": case.umask,
         "user": case.user,

@@ -234,11 +234,9 @@ def names(case: Case, random: Random, material: Material) -> None:
 
 @_family(8)
 def limits(case: Case, random: Random, material: Material) -> None:
-    """Limits of memory, processes, size of files and number of open files."""
-    kind = random.choice(("as", "as", "nproc", "fsize", "nofile"))
-    if kind == "as":
-        amount = random.choice((60, 80, 120, 180, 230, 300, 350, 500, 800, 1500)) << 20
-    elif kind == "nproc":
+    """Limits of processes, size of files and number of open files."""
+    kind = random.choice(("nproc", "fsize", "nofile"))
+    if kind == "nproc":
         amount = random.randrange(1, 13)
         if os.geteuid() == 0:  # the limit does not hold for root
             case.user = _FIRST_USER + os.getpid() % 4000  # only this case counts for the user
@@ -458,12 +456,11 @@ def cameras(case: Case, random: Random, material: Material) -> None:
 
 @_family(3)
 def surroundings(case: Case, random: Random, material: Material) -> None:
-    """Environments of services and containers: no home, closed streams, a single core."""
+    """Environments of services and containers: no home, a single core."""
     names = ("HOME", "TMPDIR", "LANG", "LC_ALL", "TERM", "COLUMNS", "NO_COLOR", "PATH")
     values = (None, None, "", "/nowhere", "C", "0", "dumb", "\udcff")
     case.environment = {name: random.choice(values) for name in names if random.random() < 0.4}
     case.umask = random.choice((0o22, 0o77, 0o27))
-    case.closed = random.choice(((), (0,), (1,), (0, 1), (0, 1, 2)))
     case.one_core = random.random() < 0.5
     clip, seed = str(material.clip), random.choice(list(material.seeds.values()))
     case.words = random.choice(

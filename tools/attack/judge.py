@@ -67,7 +67,6 @@ class Case:
     signals: list[tuple[float, str, bool]] = field(default_factory=list)
     stdin: bytes = b""
     environment: dict[str, str | None] = field(default_factory=dict)  # None: without the variable
-    closed: tuple[int, ...] = ()  # numbers of standard streams that are closed
     one_core: bool = False  # whether the command may use a single core only
     umask: int = -1  # that of this process
     user: int = 0  # the user that runs the command; 0: the user of this process
@@ -125,9 +124,6 @@ def execute(case: Case) -> Ended:
         if value is not None:
             environment[name] = value
     prefix = []
-    if case.closed:
-        ends = " ".join(f"{number}>&-" for number in case.closed)
-        prefix += ["/bin/sh", "-c", f'exec "$@" {ends}', "sh"]
     if case.one_core:
         core = min(os.sched_getaffinity(0))
         prefix += [str(shutil.which("taskset")), "--cpu-list", str(core)]
