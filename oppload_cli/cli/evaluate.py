@@ -104,22 +104,15 @@ def evaluate(
     from oppload_cli.evaluation import detectors, evaluate
     from oppload_cli.evaluation.battery import battery_stimuli
     from oppload_cli.evaluation.inputs import clips_of
-    from oppload_cli.evaluation.output import (
-        BATTERY_FILES,
-        FILES,
-        printed_table,
-        write_evaluation,
-    )
+    from oppload_cli.evaluation.output import ALL_FILES, printed_table, write_evaluation
 
     chosen = detectors.evaluated_detectors(
         options.listed_names(models), repeats, assignments, config=config, height=height
     )
-    labelled = []
-    if inputs or not battery or boxes or backgrounds or changes:
-        labelled.append(clips_of(inputs, boxes, [*map(str, backgrounds)], changes))
-    if battery:
-        labelled.append(battery_stimuli())
-    refuse_existing((output / name for name in (*FILES, *BATTERY_FILES)), if_exists)
+    of_inputs = inputs or not battery or boxes or backgrounds or changes
+    labelled = [clips_of(inputs, boxes, [*map(str, backgrounds)], changes)] if of_inputs else []
+    labelled += [battery_stimuli()] if battery else []
+    refuse_existing((output / name for name in ALL_FILES), if_exists)
     started = time.perf_counter()
     with claimed(output / "report.json", if_exists) as claim:
         for fault in chain.from_iterable((*clips.notes, *clips.faults) for clips in labelled):

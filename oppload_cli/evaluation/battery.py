@@ -11,7 +11,6 @@ import numpy as np
 from oppload_cli.evaluation.inputs import labelled
 from oppload_cli.evaluation.metrics.alarms import SHIPPED
 from oppload_cli.evaluation.metrics.measures import KIND
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.registry import detector_named
 from oppload_cli.stimulus.catalogue import find
 from oppload_cli.stimulus.protocol import Protocol
@@ -177,9 +176,7 @@ class BatterySummary(NamedTuple):
     controls: int
     largest_control_over_loom: float
     largest_control: str  # kind of motion of the control with the largest response
-    # Declared time for a frame of 427 x 240 on one core; None under another preset than the usual
-    # one, under which it was measured.
-    cost_ms: float | None
+    cost_ms: float | None  # declared time for a frame of 427 x 240 on one core
 
 
 class BatteryResponses:
@@ -239,7 +236,6 @@ class BatteryResponses:
             control = self._clips[largest].label.motion
             over_loom = float(self.over_loom[name][largest])
         on = not np.isnan(alarmed).any()
-        model, _, preset = name.partition(":")
         return BatterySummary(
             auc,
             int(alarmed[looming].sum()) if on else None,
@@ -248,7 +244,7 @@ class BatteryResponses:
             int((~looming).sum()),
             over_loom,
             control,
-            detector_named(model).cost_ms if preset in {"", DEFAULT_PRESET} else None,
+            detector_named(name).cost_ms,
         )
 
     def rows(self) -> Iterator[dict[str, Cell]]:

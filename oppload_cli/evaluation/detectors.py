@@ -122,12 +122,6 @@ def evaluated_detectors(
     ]
 
 
-def chosen_detectors(names: Iterable[str]) -> list[EvaluatedDetector]:
-    """Return the named detectors without the baselines; all detectors if none is named."""
-    wanted = {name for text in list(names) or ["all"] for name in names_of(text)}
-    return [detector for detector in evaluated_detectors(wanted) if detector.name in wanted]
-
-
 def full_label(name: str) -> str:
     """Return the label of an evaluated detector in pages and figures; a measure keeps its name."""
     return detectors()[name].label if name in detectors() else name.replace("_", " ")

@@ -50,6 +50,7 @@ _COLUMNS = {
 }
 FILES = (*_COLUMNS, *PLOTS, "report.json", "evaluation.html")
 BATTERY_FILES = ("battery.csv", "battery.png")
+ALL_FILES = (*FILES, *BATTERY_FILES)
 
 
 def write_evaluation(
@@ -83,7 +84,7 @@ def write_evaluation(
     plots = {name: image_bytes(figure, "png", _DPI) for name, figure in figures.items()}
     page = page_of(evaluation, report, plots)
     # All old files go first: a run that fails must not leave old files beside new ones.
-    for name in (*FILES, *BATTERY_FILES):
+    for name in ALL_FILES:
         with output_errors(folder / name):
             remove(folder / name)
     for name, columns, of_table in tables:

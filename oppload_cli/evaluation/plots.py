@@ -15,7 +15,6 @@ from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, RATES
 from oppload_cli.evaluation.metrics.clips import AHEAD
 from oppload_cli.evaluation.metrics.measures import KIND
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.registry import detectors
 from oppload_cli.plots.style import (
     DASHES,
@@ -43,8 +42,6 @@ if TYPE_CHECKING:
     Performances = Mapping[str, Performance]
 
 
-# Of detectors under these presets, from Okabe and Ito's palette.
-_COLOURS = {"reference": "#009E73", "paper": "#CC79A7"}
 _HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "----")  # of bars
 _WIDTH, _HEIGHT = 4.8, 3.5  # inches, for up to 8 detectors or kinds of motion
 _ROW, _ROWS = 0.3, 8  # inches by which the figure grows for each further one
@@ -218,12 +215,9 @@ def _bar_look(look: Mapping[str, Any], index: int) -> dict[str, Any]:
     return {"color": look["color"], "label": look["label"], "hatch": hatch, "edgecolor": "white"}
 
 
-def _colour_of(full_name: str) -> str:
+def _colour_of(name: str) -> str:
     """Return the colour of an evaluated detector in plots, as ``#RRGGBB``."""
-    name, _, preset = full_name.partition(":")
-    if preset in {"", DEFAULT_PRESET}:
-        return detectors()[name].colour if name in detectors() else INK
-    return _COLOURS.get(preset, INK)
+    return detectors()[name].colour if name in detectors() else INK
 
 
 def _legend(axes: Axes) -> None:

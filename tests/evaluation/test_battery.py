@@ -23,9 +23,9 @@ from oppload_cli.evaluation.battery import (
 from oppload_cli.evaluation.manifest import Entry, Manifest
 from oppload_cli.evaluation.metrics.alarms import SHIPPED
 from oppload_cli.evaluation.metrics.measures import KIND
-from oppload_cli.evaluation.output import BATTERY_FILES, FILES
+from oppload_cli.evaluation.output import ALL_FILES, BATTERY_FILES
 from oppload_cli.evaluation.plots import _limits, battery_figure
-from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.registry import detectors
 from tests.cli.inside import oppload
 from tests.evaluation.make import NAME, clip, peaks
 from tests.media import grey_frames, write_video
@@ -79,11 +79,9 @@ def test_contrast_is_that_of_the_disk_to_its_ground() -> None:
         assert (ground - disk) / ground == pytest.approx(float(column.label))
 
 
-def responses(
-    values: Sequence[tuple[str, float, int]], name: str = "lgmd2", *, alarms: bool = True
-) -> BatteryResponses:
+def responses(values: Sequence[tuple[str, float, int]], *, alarms: bool = True) -> BatteryResponses:
     """Make the responses of one detector from kinds of motion, peaks and alarms (1 or 0)."""
-    clips, entries = [], []
+    clips, entries, name = [], [], "lgmd2"
     protocol = BATTERY[0].protocols()[0]
     for row, (kind, peak, _) in enumerate(values):
         looming = kind.startswith("looming")
@@ -119,6 +117,7 @@ def test_the_summary_counts_pairs_and_alarms() -> None:
     assert (found.approaches_detected, found.approaches) == (1, 2)
     assert (found.controls_alarmed, found.controls) == (1, 2)
     assert (found.largest_control_over_loom, found.largest_control) == (0.25, "pan")
+    assert found.cost_ms == detectors()["lgmd2"].cost_ms
     silent = responses(STATED, alarms=False).summary("lgmd2")
     assert (silent.approaches_detected, silent.controls_alarmed) == (None, None)
     alone = responses(STATED[:1]).summary("lgmd2")
@@ -136,14 +135,6 @@ def test_a_row_has_what_was_measured_in_a_clip() -> None:
     assert [row["detected"] for row in rows] == [True, False, None, None]
     assert [row["false_alarms"] for row in rows] == [0, 0, 2, 0]
     assert (rows[0]["peak_time_s"], rows[0]["motion_end_s"]) == (1.5, 2.2)
-
-
-def test_a_cost_belongs_to_the_preset_under_which_it_was_measured() -> None:
-    costs = [
-        responses(STATED, name).summary(name).cost_ms
-        for name in ("opplod:default", "opplod:reference")
-    ]
-    assert costs == [Opplod.cost_ms, None]
 
 
 def test_a_detector_without_a_response_to_the_disk_or_without_the_disk() -> None:
@@ -212,12 +203,11 @@ def test_the_battery_alone_is_evaluated_like_any_stimuli(tmp_path: Path) -> None
     done = oppload("evaluate", "--battery", "-o", tmp_path, *MODELS)
     assert done.returncode == 0
     assert "battery of stimuli, alarm as shipped" in done.stderr
-    names = {*FILES, *BATTERY_FILES}
-    assert {path.name for path in tmp_path.iterdir()} == names
+    assert {path.name for path in tmp_path.iterdir()} == set(ALL_FILES)
     rows = rows_of(tmp_path / "battery.csv")
-    detectors = list(dict.fromkeys(row["contender"] for row in rows))
-    assert len(rows) == 3 * len(detectors)
-    assert {"lgmd1_single", "dlgmd"} < set(detectors)
+    names = list(dict.fromkeys(row["contender"] for row in rows))
+    assert len(rows) == 3 * len(names)
+    assert {"lgmd1_single", "dlgmd"} < set(names)
     peak = {(row["column"], row["contender"]): float(row["peak"]) for row in rows}
     # lgmd1_single sees brightening rather than darkening.
     assert peak["bright", "lgmd1_single"] > 2 * peak[DISK, "lgmd1_single"] > 0
@@ -230,7 +220,7 @@ def test_the_battery_alone_is_evaluated_like_any_stimuli(tmp_path: Path) -> None
         seen[key] = max(seen.get(key, 0.0), float(row["response"] or 0))
     assert all(seen[row["clip"], row["contender"]] == float(row["peak"]) for row in rows)
     report = json.loads((tmp_path / "report.json").read_text())
-    assert list(report["battery"]) == detectors
+    assert list(report["battery"]) == names
     assert {one["approaches"] for one in report["battery"].values()} == {2}
     page = (tmp_path / "evaluation.html").read_text()
     assert "approaches (2) and controls, which are other motions (1)" in page
