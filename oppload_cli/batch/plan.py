@@ -237,7 +237,7 @@ class Tally:
         return {
             name: verdicts
             for name, verdicts in self.verdicts.items()
-            if any(each.alarms for each in verdicts)
+            if any(verdict.alarms for verdict in verdicts)
         }
 
     def add(self, name: str, result: Outcome | Failure) -> None:
@@ -301,7 +301,7 @@ class Tally:
         yield f"{len(alarmed)} of {len(self.verdicts)} inputs had an alarm{detail}{colon}"
 
         def strength(name: str) -> tuple[float, str]:
-            return -max(each.strongest for each in alarmed[name] if each.alarms), name
+            return -max(verdict.strongest for verdict in alarmed[name] if verdict.alarms), name
 
         for name in sorted(alarmed, key=strength)[:most]:
             yield f"  {stems[name]}: {in_words(alarmed[name])}"
@@ -341,6 +341,6 @@ def write_failures(path: Path, failures: Iterable[Failure]) -> None:
             path.unlink(missing_ok=True)
         return
     with open_csv(path, FAILURE_COLUMNS) as table:
-        for each in rows:
-            cells = (each.name, each.stem, int(each.code), printable(each.message))
+        for failure in rows:
+            cells = (failure.name, failure.stem, int(failure.code), printable(failure.message))
             table.write(dict(zip(FAILURE_COLUMNS, cells, strict=True)))

@@ -311,8 +311,8 @@ class _ClusterRun:
             futures = [future for _, future in self._submitted.values()]
             processing = {key for keys in self._client.processing().values() for key in keys}
             distributed.Event(self._topic).set()
-            self._client.cancel([each for each in futures if each.key not in processing])
-            running = [each for each in futures if each.key in processing]
+            self._client.cancel([future for future in futures if future.key not in processing])
+            running = [future for future in futures if future.key in processing]
             distributed.wait(running, timeout=_STOP_WITHIN_S)
             self._client.cancel(running)
 

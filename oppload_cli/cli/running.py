@@ -279,9 +279,9 @@ def _plan_of(inputs: tuple[str, ...], options: RunOptions) -> Plan:
 def _tasks(plan: Plan, task: Task, options: RunOptions) -> Iterator[Task]:
     """Yield a task per input of the plan, with the settings of `task`."""
     models = task.settings.models
-    for each in plan.inputs:
-        outputs = Outputs.of(options.output, each.stem, models, annotate=options.annotate)
-        yield replace(task, name=each.name, stem=each.stem, outputs=outputs)
+    for name, stem in plan.inputs:
+        outputs = Outputs.of(options.output, stem, models, annotate=options.annotate)
+        yield replace(task, name=name, stem=stem, outputs=outputs)
 
 
 def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
@@ -337,13 +337,13 @@ class _Batch:
         if options.if_exists != IfExists.OVERWRITE:
             refuse_another_table(self._failures, FAILURE_COLUMNS)
             refuse_another_table(self._alarms, ALARM_COLUMNS)
-        self._rows = AlarmTable((each.stem for each in plan.inputs), models)
+        self._rows = AlarmTable((stem for _, stem in plan.inputs), models)
         self._tally, self._alarms_on = Tally(plan.failures), bool(models)
         self._remarked = 0
         for failure in plan.failures:
             say(f"oppload: {failure.message}")
         count, at_once = len(plan.inputs), options.jobs
-        live = any(is_real_time(each.name) for each in plan.inputs)
+        live = any(is_real_time(name) for name, _ in plan.inputs)
         if live and at_once < count and not (options.scheduler or options.quiet):
             say(
                 f"oppload: {at_once} of {count} inputs run at once, and a camera or a stream may "
@@ -408,7 +408,7 @@ class _Batch:
         lists: list[Callable[[], None]] = [partial(write_failures, self._failures, tally.failures)]
         if tally.verdicts:
             lists.append(partial(write_alarms, self._alarms, tally.verdicts, stems))
-        written = [_try_to_write(each) for each in lists]
+        written = [_try_to_write(write) for write in lists]
         if self._verbosity >= 0:
             wall_s = time.monotonic() - self._begun
             alarms = tally.alarms(_MOST_LISTED, self._alarms, stems) if self._alarms_on else ()

@@ -91,14 +91,14 @@ def make_folder(folder: Path) -> None:
 @contextmanager
 def folder_of_outputs(folder: Path) -> Iterator[None]:
     """Make a folder as `make_folder` does; at the end, remove new folders that have no file."""
-    missing = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
+    missing = [parent for parent in (folder, *folder.parents) if not os.path.lexists(parent)]
     make_folder(folder)
     try:
         yield
     finally:
-        for each in missing:
+        for parent in missing:
             with suppress(OSError):  # as it is not empty
-                each.rmdir()
+                parent.rmdir()
 
 
 def write_atomic(target: Path | PartFile, content: str | bytes | Iterable[bytes]) -> None:
@@ -282,8 +282,8 @@ class PartFolder(_Part):
                 descriptor = os.open(self.part, os.O_RDONLY | _CAUTIOUS)
                 lock.callback(os.close, descriptor)
                 _lock(descriptor, self.part, path)
-            for each in self.part.iterdir():  # of an interrupted run
-                remove(each)
+            for left in self.part.iterdir():  # of an interrupted run
+                remove(left)
             self._lock = lock.pop_all()
         if new and os.path.lexists(path):
             self.discard()

@@ -126,8 +126,8 @@ def _fault_of_name(name: str) -> str:
         return "names no file"
     if _DRIVE.match(name):
         return "begins with a drive"
-    if character := next((each for each in name if each in NOT_IN_NAMES), ""):
+    if character := next((character for character in name if character in NOT_IN_NAMES), ""):
         return f"holds '{character}'"
-    if any(unicodedata.category(each) == "Cc" for each in name):
+    if any(unicodedata.category(character) == "Cc" for character in name):
         return "holds a control character"
     return "is a device on Windows" if _DEVICES.fullmatch(name) else ""

@@ -85,7 +85,7 @@ class Outputs:
         They are part files, and the detections of a table that exists and will be replaced.
         """
         detections, annotated = self._beside(DETECTIONS), self._beside(ANNOTATED)
-        parts = [part_of(each) for each in (detections, annotated) if each not in self.paths()]
+        parts = [part_of(path) for path in (detections, annotated) if path not in self.paths()]
         replaced = detections not in self.paths() and os.path.lexists(self.csv)
         return [*parts, *([detections] if replaced else [])]
 
@@ -169,7 +169,7 @@ class Task:
         """
         settings, name = self.settings, without_login(self.name)
         # `origins` only tells where the settings come from.
-        top = {each.name: getattr(settings, each.name) for each in fields(settings)}
+        top = {setting.name: getattr(settings, setting.name) for setting in fields(settings)}
         del top["groups"], top["origins"]
         idle = set(known_names()) - set(settings.models)
         own = any(map(needs_loading, settings.models))
@@ -206,7 +206,7 @@ class Outcome:
     @property
     def alarmed(self) -> bool:
         """Whether any detector had an alarm."""
-        return any(each.alarms for each in self.verdicts)
+        return any(verdict.alarms for verdict in self.verdicts)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -306,8 +306,8 @@ class Writing:
         """Write the record of the next frame."""
         with output_errors(self._outputs.csv):
             self._table.write(record.values())
-        for each in self._other_files:
-            each.write(record)
+        for file in self._other_files:
+            file.write(record)
 
     def commit(self, content: Callable[[], dict[str, Any]]) -> None:
         """Give the files their final names, the table last; `content` gives the sidecar's data."""
@@ -315,18 +315,18 @@ class Writing:
             self._video.finish()
         self._outputs.remove_earlier()
         write_sidecar(self._outputs.sidecar, content())
-        for each in self._other_files:
-            each.commit()
+        for file in self._other_files:
+            file.commit()
         self._file.commit()
 
     def keep(self) -> None:
         """Close the files, leaving them as ``NAME.part``."""
         self._file.keep()
-        for each in self._other_files:
-            each.keep()
+        for file in self._other_files:
+            file.keep()
 
     def discard(self) -> None:
         """Remove the files and close them."""
-        for each in self._other_files:
-            each.discard()
+        for file in self._other_files:
+            file.discard()
         self._file.discard()

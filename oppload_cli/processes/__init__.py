@@ -48,7 +48,7 @@ def _limits(group: str) -> Iterator[float]:
     else:
         return
     own = Path(path.lstrip("/"))
-    for folder in (root / own, *(root / each for each in own.parents)):
+    for folder in (root / own, *(root / parent for parent in own.parents)):
         try:
             words = " ".join((folder / name).read_text() for name in names).split()
             quota, period = (float(word) for word in words)

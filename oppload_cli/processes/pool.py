@@ -133,8 +133,8 @@ class _Workers:
         self._items = iter(())
         deadline = time.monotonic() + _STOP_WITHIN_S
         while self._busy and (remaining_s := deadline - time.monotonic()) > 0:
-            for each in wait(list(self._busy), remaining_s):
-                its_events = self._events_from(cast("Connection", each))
+            for ready in wait(list(self._busy), remaining_s):
+                its_events = self._events_from(cast("Connection", ready))
                 yield from (event for event in its_events if event.kind is Kind.DONE)
 
     def join(self) -> None:

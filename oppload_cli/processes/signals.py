@@ -33,11 +33,13 @@ def handle(*names: str, again: signal.Handlers = signal.SIG_DFL) -> None:
     Without names, the signals are SIGINT, SIGTERM and SIGHUP. A signal that the program ignores, as
     after ``nohup``, is still ignored.
     """
-    numbers = [each for each in _numbers(names) if signal.getsignal(each) is not signal.SIG_IGN]
+    numbers = [
+        number for number in _numbers(names) if signal.getsignal(number) is not signal.SIG_IGN
+    ]
 
     def let_all(action: Callable[[int, FrameType | None], object] | signal.Handlers) -> None:
-        for each in numbers:
-            signal.signal(each, action)
+        for number in numbers:
+            signal.signal(number, action)
 
     def ask(number: int, _frame: FrameType | None) -> None:
         _received.append(number)

@@ -38,10 +38,10 @@ def _close_all() -> None:
     library in C++ while the interpreter ends, Python would abort the process.
     """
     running = list(_running)
-    for each in running:
-        each.close(SystemExit())
-    for each in running:
-        each.join_caller()
+    for prefetch in running:
+        prefetch.close(SystemExit())
+    for prefetch in running:
+        prefetch.join_caller()
 
 
 def _could_start(thread: threading.Thread) -> bool:

@@ -72,7 +72,10 @@ class Arrivals:
         """Fit the line, with the number of pictures that each step takes; return as `_line`."""
         numbers = list(accumulate(pictures, initial=0))
         period_s, first_s = linear_regression(numbers, self._latest)
-        off = [each - first_s - period_s * n for n, each in zip(numbers, self._latest, strict=True)]
+        off = [
+            arrival_s - first_s - period_s * n
+            for n, arrival_s in zip(numbers, self._latest, strict=True)
+        ]
         spread_s = _scatter(off)
         uneven_s = _scatter([s - period_s * n for n, s in zip(pictures, steps, strict=True)])
         return self._latest[-1] - off[-1], spread_s, spread_s <= _MOST_SCATTER * uneven_s

@@ -78,7 +78,7 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_FoundInput]
         else:
             try:
                 folder = _below_fixed_part(name, match)
-                yield from (_FoundInput(each, folder=folder) for each in _single_inputs(match))
+                yield from (_FoundInput(single, folder=folder) for single in _single_inputs(match))
             except SourceError as error:
                 yield _FoundInput(match, error)
 
@@ -110,12 +110,12 @@ def _searched(root: str) -> Iterator[_FoundInput]:
     errors: list[OSError] = []
     empty = True
     for folder, names, images in _walked(root, errors.append):
-        paths = [os.path.join(folder, each) for each in names]  # noqa: PTH118
+        paths = [os.path.join(folder, name) for name in names]  # noqa: PTH118
         # Without pipes, for which the batch would wait; the run of a broken link fails.
-        videos = [each for each in paths if not _is_pipe_or_device(each)]
+        videos = [path for path in paths if not _is_pipe_or_device(path)]
         if videos:
             subfolder = os.path.relpath(folder, root)
-            yield from (_FoundInput(each, folder=subfolder) for each in videos)
+            yield from (_FoundInput(video, folder=subfolder) for video in videos)
         elif images:
             parent = "" if folder == root else os.path.relpath(os.path.dirname(folder), root)  # noqa: PTH120
             yield _FoundInput(folder, folder=parent)
@@ -132,7 +132,9 @@ def _walked(
 ) -> Iterator[tuple[str, list[str], list[str]]]:
     """Yield each folder from `root` on, with the names of its videos and its numbered images."""
     for folder, subfolders, files in os.walk(root, onerror=on_error):
-        subfolders[:] = sorted(each for each in subfolders if not each.startswith("."))
+        subfolders[:] = sorted(
+            subfolder for subfolder in subfolders if not subfolder.startswith(".")
+        )
         yield folder, *_inputs_of(files)
 
 
@@ -157,20 +159,20 @@ def left_out(name: str, *, recursive: bool = False) -> Iterator[str]:
             )
         return
     try:
-        entries = sorted(each for each in Path(name).iterdir() if not each.name.startswith("."))
+        entries = sorted(entry for entry in Path(name).iterdir() if not entry.name.startswith("."))
         folders = [
-            each.name
-            for each in entries
-            if each.is_dir()
-            and not each.is_symlink()
-            and any(_inputs_of(file.name for file in each.iterdir()))
+            entry.name
+            for entry in entries
+            if entry.is_dir()
+            and not entry.is_symlink()
+            and any(_inputs_of(file.name for file in entry.iterdir()))
         ]
     except (OSError, ValueError):  # no folder, or one that cannot be read: a run reports that
         return
     if folders:
         yield f"{name}: {_listed(folders, 'folder')} left out; --recursive runs the inputs there"
-    videos = [each.name for each in entries if is_video(each.name)]
-    images = [each.name for each in entries if _suffix(each.name) in IMAGE_SUFFIXES]
+    videos = [entry.name for entry in entries if is_video(entry.name)]
+    images = [entry.name for entry in entries if _suffix(entry.name) in IMAGE_SUFFIXES]
     images = _without_figures(images, videos)
     if videos and images:
         yield (
@@ -180,8 +182,8 @@ def left_out(name: str, *, recursive: bool = False) -> Iterator[str]:
 
 
 def _without_figures(images: list[str], videos: list[str]) -> list[str]:
-    stems = tuple(f"{PurePath(each).stem}." for each in videos)
-    return [each for each in images if not each.startswith(stems)]
+    stems = tuple(f"{PurePath(video).stem}." for video in videos)
+    return [image for image in images if not image.startswith(stems)]
 
 
 def _listed(names: list[str], kind: str) -> str:
@@ -192,10 +194,10 @@ def _listed(names: list[str], kind: str) -> str:
 
 def _inputs_of(names: Iterable[str]) -> tuple[list[str], list[str]]:
     """Return the videos, and the images of a numbered sequence, among the names of files."""
-    visible = sorted(each for each in names if not each.startswith("."))
+    visible = sorted(name for name in names if not name.startswith("."))
     images = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and _NUMBERED.search(e)]
     # A single image, such as a figure, is no sequence.
-    return [each for each in visible if is_video(each)], images if len(images) > 1 else []
+    return [name for name in visible if is_video(name)], images if len(images) > 1 else []
 
 
 def is_video(name: str) -> bool:
@@ -242,12 +244,12 @@ def _single_inputs(name: str) -> list[str]:
         if not is_folder(name):
             return [name]
         # Some systems put a hidden file with the same suffix beside each video.
-        visible = sorted(str(each) for each in path.iterdir() if not each.name.startswith("."))
+        visible = sorted(str(file) for file in path.iterdir() if not file.name.startswith("."))
     except OSError as error:
         raise cannot_read(name, error) from error
-    files = [each for each in visible if not (is_folder(each) or _is_pipe_or_device(each))]
+    files = [file for file in visible if not (is_folder(file) or _is_pipe_or_device(file))]
     videos = list(filter(is_video, files))
-    if not videos and not any(_suffix(each) in IMAGE_SUFFIXES for each in files):
+    if not videos and not any(_suffix(file) in IMAGE_SUFFIXES for file in files):
         raise SourceError(f"{name}: no video and no image in this folder; check the path")
     return videos or [name]
 

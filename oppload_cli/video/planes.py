@@ -114,7 +114,7 @@ def is_full_range(frame: VideoFrame, codec: str) -> bool:
 def is_transparent(frame: VideoFrame) -> bool:
     """Return whether some pixel of a frame is not opaque, as far as FFmpeg can convert it."""
     with suppress(av.error.FFmpegError, ValueError):
-        if any(each.is_alpha for each in frame.format.components):
+        if any(component.is_alpha for component in frame.format.components):
             return bool((frame.to_ndarray(format="rgba")[..., 3] < np.uint8(255)).any())
     return False
 

@@ -94,10 +94,10 @@ class Span:
         if self.end and self.duration:
             raise ParameterError("end and duration exclude each other; give one of them")
         given: tuple[object, ...] = self.start, self.end, self.duration
-        for each in given:
-            if not isinstance(each, Position | None):
+        for position in given:
+            if not isinstance(position, Position | None):
                 raise ParameterError(
-                    f"a span has positions, such as Position(seconds=1.5), not {each!r}"
+                    f"a span has positions, such as Position(seconds=1.5), not {position!r}"
                 )
 
     @property

@@ -424,9 +424,9 @@ def _archive(
             archive.writestr(_entry(name), data.getvalue())
         archive.close()
     except BaseException:
-        for each in (stream, archive):
+        for opened in (stream, archive):
             with suppress(OSError, ValueError):
-                each.close()
+                opened.close()
         raise
 
 
