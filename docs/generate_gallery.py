@@ -18,7 +18,7 @@ from oppload_cli.stimulus.tables import Camera, Display, Effects, Scene, Timing
 from oppload_cli.video.writers import png_bytes
 
 if TYPE_CHECKING:
-    from oppload_cli.schema import Parameter, Table
+    from oppload_cli.schema import DeclaredTable, Parameter
     from oppload_cli.stimulus import Entry
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,7 +30,7 @@ GROUPS = {
     "staged": "Staged approaches",
 }
 SHOWN = 6
-SECTIONS: dict[str, type[Table]] = {
+SECTIONS: dict[str, type[DeclaredTable]] = {
     "`[display]`": Display,
     "`[timing]`": Timing,
     "`[[object]]`": Object,

@@ -59,7 +59,7 @@ def parameter(
     kinds: tuple[str, ...] = (),
     needed_by: tuple[str, ...] = (),
 ) -> Any:
-    """Declare one value of a :class:`Table`, in place of a dataclass field.
+    """Declare one value of a :class:`DeclaredTable`, in place of a dataclass field.
 
     Its type is float, int, bool, str, Fraction, a tuple of one of these, such as
     ``tuple[float, ...]``, or one of these or None.
@@ -148,7 +148,7 @@ class Parameter:
         return ", ".join(f"{word} {end}" for word, end in exact.items())
 
     @property
-    def table(self) -> type[Table] | None:
+    def table(self) -> type[DeclaredTable] | None:
         """The type if the value is itself a table, else None."""
         return self.type if _is_table(self.type) else None
 
@@ -175,7 +175,7 @@ class _Docstring:
     def __init__(self, text: str) -> None:
         self._lines = inspect.cleandoc(text).splitlines()
 
-    def __get__(self, table: object, kind: type[Table]) -> str:
+    def __get__(self, table: object, kind: type[DeclaredTable]) -> str:
         lines = self._lines
         # `dataclass` reads the docstring before it sets `__match_args__`. At that time a type of a
         # value may be a class that is defined further down.
@@ -188,7 +188,7 @@ class _Docstring:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class DeclaredTable:
     """Base of all tables: converts and checks each value when the table is made."""
 
     _error: ClassVar[type[OpploadError]] = StimulusError
@@ -240,7 +240,9 @@ class Table:
     @classmethod
     def _parameter_lines(cls) -> Iterator[str]:
         for each in cls.declared():
-            plain = each.default is not REQUIRED and not isinstance(each.default, Table | None)
+            plain = each.default is not REQUIRED and not isinstance(
+                each.default, DeclaredTable | None
+            )
             kind = f"{each.words} or None" if each.optional else each.words
             yield f"{each.name} : {kind}{f', default {each.default!r}' if plain else ''}"
             facts = ", ".join(filter(None, (each.allowed, each.unit)))
@@ -395,7 +397,7 @@ class Table:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parameters(Table):
+class Parameters(DeclaredTable):
     """Base of the parameter sets of detectors, alarms and others; every value has a default.
 
     Examples
@@ -529,7 +531,7 @@ def _is_supported(kind: Any) -> bool:
 
 
 def _is_table(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, Table)
+    return isinstance(kind, type) and issubclass(kind, DeclaredTable)
 
 
 def _in_words(kind: Any) -> str:
@@ -542,7 +544,7 @@ def _in_words(kind: Any) -> str:
 
 
 def _plain(value: object) -> object:
-    if isinstance(value, Table):
+    if isinstance(value, DeclaredTable):
         return value.as_table()
     if isinstance(value, tuple):
         return [_plain(item) for item in value]

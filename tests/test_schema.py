@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError, StimulusError
-from oppload_cli.schema import REQUIRED, Parameters, Table, parameter
+from oppload_cli.schema import REQUIRED, DeclaredTable, Parameters, parameter
 from oppload_cli.stimulus.objects import Motion
 from tests.cli.process import loaded
 
 
 @dataclass(frozen=True, kw_only=True)
-class Inner(Table):
+class Inner(DeclaredTable):
     size: float = parameter(REQUIRED, "size", unit="px", above=0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outer(Table):
+class Outer(DeclaredTable):
     kind: str = parameter("disk", "shape", choices=("disk", "bar"))
     count: int = parameter(1, "number", low=1, high=9)
     rate: Fraction = parameter(Fraction(30), "rate")
@@ -37,14 +37,14 @@ class SomeParams(Parameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Early(Table):
+class Early(DeclaredTable):
     """A table whose value is of a class that is defined below."""
 
     later: Later | None = parameter(None, "another table")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Later(Table):
+class Later(DeclaredTable):
     size: float = parameter(1.0, "size")
 
 
@@ -194,7 +194,7 @@ def test_what_a_value_may_be_in_words() -> None:
 
 def test_the_unit_of_a_value_is_that_at_the_end_of_its_name() -> None:
     @dataclass(frozen=True, kw_only=True)
-    class Units(Table):
+    class Units(DeclaredTable):
         speed_deg_s: float = parameter(0.0, "longest end first")
         speed_m_s: float = parameter(0.0, "not s, nor m")
         zoom_per_s: float = parameter(0.0, "a rate")

@@ -11,7 +11,7 @@ import numpy as np
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots import style
-from oppload_cli.schema import Parameter, Table
+from oppload_cli.schema import DeclaredTable, Parameter
 from oppload_cli.stimulus import Protocol
 
 if TYPE_CHECKING:
@@ -180,10 +180,10 @@ def _units() -> dict[str, str]:
     return {key.name: key.unit for key in _declared(Protocol) if key.unit}
 
 
-def _declared(table: type[Table]) -> Iterator[Parameter]:
+def _declared(table: type[DeclaredTable]) -> Iterator[Parameter]:
     """Yield the keys of a table, and of the tables in this table."""
     for key in table.declared():
         yield key
         inner = (get_args(key.type) or (key.type,))[0]
-        if isinstance(inner, type) and issubclass(inner, Table):
+        if isinstance(inner, type) and issubclass(inner, DeclaredTable):
             yield from _declared(inner)

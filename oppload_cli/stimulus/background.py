@@ -19,7 +19,7 @@ from oppload_cli.errors import StimulusError, faults_at, nearest, reason_of
 from oppload_cli.files.reading import is_file
 from oppload_cli.stimulus.courses import AHEAD, RIGHT, UP
 from oppload_cli.stimulus.patterns import noise_tile
-from oppload_cli.stimulus.staging import View, camera_of, view_of
+from oppload_cli.stimulus.staging import CameraView, camera_of, view_of
 from oppload_cli.stimulus.surfaces import Placed, Surface, Texture
 from oppload_cli.stimulus.tables import SURROUNDINGS, Display, Scene
 from oppload_cli.video.images import read_transparent
@@ -85,7 +85,7 @@ class Drawn:
         self._protocol = protocol
         self._last: tuple[object, Picture] | None = None
 
-    def seen_at(self, time: float) -> tuple[_Surroundings, View]:
+    def seen_at(self, time: float) -> tuple[_Surroundings, CameraView]:
         """Return the surroundings and the view of the camera at a time."""
         protocol = self._protocol
         cut = protocol.scene.cut_s
@@ -216,7 +216,7 @@ class _Surroundings:
     surfaces: Sequence[Surface]  # in the order in which they are drawn
     haze: float  # luminance of the haze, and of pixels that show no surface
 
-    def picture(self, view: View) -> Picture:
+    def picture(self, view: CameraView) -> Picture:
         """Return the surroundings as a camera sees them, float32 (h, w), luminance 0 to 1."""
         picture = np.full(view.projection.shape, self.haze, np.float32)
         for surface, placed in self._seen_surfaces(view):
@@ -228,7 +228,7 @@ class _Surroundings:
             part += (colours - part) * placed.covered
         return np.clip(picture, 0, 1)
 
-    def flow(self, view: View, later: View) -> Floats:
+    def flow(self, view: CameraView, later: CameraView) -> Floats:
         """Return the exact optical flow from one view to another.
 
         Returns
@@ -249,7 +249,7 @@ class _Surroundings:
             moved[rows, columns][shown] = flow[shown]
         return moved
 
-    def _seen_surfaces(self, view: View) -> Iterator[tuple[Surface, Placed]]:
+    def _seen_surfaces(self, view: CameraView) -> Iterator[tuple[Surface, Placed]]:
         """Yield each surface that is seen, with its points."""
         for surface in self.surfaces:
             placed = surface.seen(view)

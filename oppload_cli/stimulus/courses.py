@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from oppload_cli.errors import StimulusError
-from oppload_cli.schema import REQUIRED, Table, parameter
+from oppload_cli.schema import REQUIRED, DeclaredTable, parameter
 
 Vector = tuple[float, float, float]
 RIGHT, UP, AHEAD = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # the world's axes
@@ -25,7 +25,7 @@ HIT_SIZES = 0.5  # a picture hits the camera if its miss distance is at most thi
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course(Table):
+class Course(DeclaredTable):
     """How a picture moves in three dimensions; times count from the start of its motion."""
 
     kind: str = parameter(

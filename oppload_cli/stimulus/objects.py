@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from oppload_cli.errors import StimulusError
-from oppload_cli.schema import REQUIRED, Table, parameter
+from oppload_cli.schema import REQUIRED, DeclaredTable, parameter
 from oppload_cli.stimulus.courses import Course
 
 GRATINGS = ("square-grating", "sine-grating", "plaid")
@@ -23,7 +23,7 @@ _TEXTURED = ("texture", "patch")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion(Table):
+class Motion(DeclaredTable):
     """How a shape, a pattern or the complete scene moves."""
 
     speed_deg_s: float = parameter(0.0, "speed", low=0, high=100_000)
@@ -54,7 +54,7 @@ class Motion(Table):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Growth(Table):
+class Growth(DeclaredTable):
     """How the size of a shape changes."""
 
     kind: str = parameter(
@@ -129,7 +129,7 @@ class Growth(Table):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Brightness(Table):
+class Brightness(DeclaredTable):
     """How the luminance of an object changes; times count from the start of its motion."""
 
     kind: str = parameter(
@@ -183,7 +183,7 @@ class Brightness(Table):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Object(Table):
+class Object(DeclaredTable):
     """One object: a shape (disk, bar, ...) or a pattern that fills the display."""
 
     id: str = parameter(REQUIRED, "its name in the ground truth, in sweeps and in --change")

@@ -17,7 +17,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import StimulusError, faults_at, suggestion
-from oppload_cli.schema import REQUIRED, Parameter, Table
+from oppload_cli.schema import REQUIRED, DeclaredTable, Parameter
 from oppload_cli.stimulus.kinematics import ROUNDING_S, pose_of
 from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Motion, Object
 from oppload_cli.stimulus.staging import check_stage, may_show
@@ -338,7 +338,7 @@ def _greatest_step(protocol: Protocol, obj: Object) -> float:
     return longest
 
 
-def _table_schema(table: type[Table], kind: str | None = None) -> dict[str, Any]:
+def _table_schema(table: type[DeclaredTable], kind: str | None = None) -> dict[str, Any]:
     keys = [each for each in table.declared() if not each.kinds or kind in (None, *each.kinds)]
     properties = {each.name: _key_schema(each) for each in keys}
     if kind is not None:
@@ -368,7 +368,7 @@ def _type_schema(each: Parameter, kind: Any) -> dict[str, Any]:
         if members[-1] is not Ellipsis:
             listed |= {"minItems": len(members), "maxItems": len(members)}
         return listed
-    if issubclass(kind, Table):
+    if issubclass(kind, DeclaredTable):
         choices = [field.choices for field in kind.declared() if field.name == "kind"]
         if not choices:
             return _table_schema(kind)

@@ -32,7 +32,7 @@ from oppload_cli.stimulus.patterns import (
     square_wave,
 )
 from oppload_cli.stimulus.protocol import Protocol, check_frame, check_protocol
-from oppload_cli.stimulus.staging import View, camera_of, sight_of
+from oppload_cli.stimulus.staging import CameraView, camera_of, sight_of
 from oppload_cli.stimulus.surfaces import Surface
 from oppload_cli.stimulus.truth import FrameTruth, frame_truth
 
@@ -416,7 +416,7 @@ class _PicturePainter:
         self._blend(picture, upright, sight.view, self._gain, 1.0)
 
     def _blend(
-        self, picture: Picture, surface: Surface, view: View, gain: float, share: float
+        self, picture: Picture, surface: Surface, view: CameraView, gain: float, share: float
     ) -> None:
         placed = surface.seen(view)
         if placed is None:

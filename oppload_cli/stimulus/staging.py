@@ -30,7 +30,7 @@ _DEFAULT_CAMERA = Camera()
 _Box = tuple[float, float, float, float]
 
 
-class View(NamedTuple):
+class CameraView(NamedTuple):
     """The camera at one time."""
 
     place: Vector  # in the world, in metres
@@ -59,7 +59,7 @@ class Sight:
     offset: Vector  # of its middle from the camera, in metres
     velocity: Vector  # in m/s
     contact_in_s: float | None  # time to contact, while its course hits the camera
-    view: View
+    view: CameraView
 
     def box(self, half_width: float, half_height: float) -> _Box | None:
         """Return left, top, width and height in pixels of the box around the picture.
@@ -84,7 +84,7 @@ def camera_of(protocol: ProtocolTables) -> Camera:
     return protocol.camera or _DEFAULT_CAMERA
 
 
-def view_of(protocol: ProtocolTables, time: float) -> View:
+def view_of(protocol: ProtocolTables, time: float) -> CameraView:
     """Return the view of a protocol's camera at a time, in seconds of the clip."""
     camera, elapsed = camera_of(protocol), protocol.timing.elapsed(time)
     (shake_x, shake_y), _ = shaken(camera, elapsed, f"{protocol.seed}/camera")
@@ -95,7 +95,7 @@ def view_of(protocol: ProtocolTables, time: float) -> View:
     up = (-math.sin(tilt) * sine, math.cos(tilt), -math.sin(tilt) * cosine)
     ahead = (math.cos(tilt) * sine, math.sin(tilt), math.cos(tilt) * cosine)
     place = (0.0, 0.0, camera.forward_m_s * elapsed)
-    return View(place, (right, up, ahead), Projection.of(protocol.display))
+    return CameraView(place, (right, up, ahead), Projection.of(protocol.display))
 
 
 @lru_cache(maxsize=256)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.stimulus.courses import Vector
     from oppload_cli.stimulus.coverage import Floats, Picture
-    from oppload_cli.stimulus.staging import View
+    from oppload_cli.stimulus.staging import CameraView
 
     Rectangle = tuple[float, float, float, float]
 
@@ -118,7 +118,7 @@ class Surface:
     extent: Rectangle | None = None  # least u, least v, largest u, largest v; None: endless
     clear_m: float = 0.0  # haze hides 63 % of the surface at this distance; 0: no haze
 
-    def _matrix(self, view: View) -> Floats:
+    def _matrix(self, view: CameraView) -> Floats:
         """Return the matrix from ``(x, y, 1)`` in pixels to ``(u, v, 1) / depth``."""
         offset = np.subtract(self.origin, view.place)
         on_surface = np.stack([self.right, self.up, offset], axis=1)
@@ -127,7 +127,7 @@ class Surface:
         rays = camera @ np.array([[1 / eye, 0, -x / eye], [0, -1 / eye, y / eye], [0, 0, 1.0]])
         return np.asarray(np.linalg.solve(on_surface, rays))
 
-    def _window(self, view: View) -> Window:
+    def _window(self, view: CameraView) -> Window:
         """Return the part of the display that the surface may touch.
 
         The part is empty if the camera lies in the plane of the surface, or if the surface lies
@@ -151,7 +151,7 @@ class Surface:
         low, high = (x.min() - 3, y.min() - 3), (x.max() + 3, y.max() + 3)
         return Window.around(low, high, height, width)
 
-    def _points(self, view: View, window: Window) -> tuple[Floats, Floats, Floats, Floats]:
+    def _points(self, view: CameraView, window: Window) -> tuple[Floats, Floats, Floats, Floats]:
         """Return u, v, depth and steps as of :class:`Placed`, for each pixel of a window."""
         m = self._matrix(view)
         x = np.arange(window.left, window.right)[None, :] + 0.5
@@ -164,7 +164,7 @@ class Surface:
         depth = np.where(over > 1 / _FARTHEST_M, depth, 0.0)
         return u, v, depth, np.stack(steps)
 
-    def seen(self, view: View) -> Placed | None:
+    def seen(self, view: CameraView) -> Placed | None:
         """Return the part of a picture that shows the surface; None if the surface is not seen.
 
         Returns
@@ -218,7 +218,7 @@ class Surface:
         taps = [self.texture.at(column + shift * du, row + shift * dv, texels) for shift in shifts]
         return np.asarray(sum(taps[1:], taps[0]) / np.float32(_TAPS), np.float32)
 
-    def to_px(self, view: View, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+    def to_px(self, view: CameraView, u: Floats, v: Floats) -> tuple[Floats, Floats]:
         """Return the pixel positions x and y of points (u, v); NaN for points behind the camera."""
         back = np.linalg.inv(self._matrix(view))
         over = back[2, 0] * u + back[2, 1] * v + back[2, 2]

@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError, StimulusError, nearest, suggestion
-from oppload_cli.schema import REQUIRED, Table, parameter
+from oppload_cli.schema import REQUIRED, DeclaredTable, parameter
 from oppload_cli.stimulus.objects import Motion, Object
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def _exact_sum(*seconds: float) -> Fraction:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Display(Table):
+class Display(DeclaredTable):
     """The screen: its size, its angle of view and its frame rate."""
 
     width: int = parameter(REQUIRED, "width of the picture", unit="px", low=8, high=8192)
@@ -88,7 +88,7 @@ class Display(Table):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Timing(Table):
+class Timing(DeclaredTable):
     """The durations of the clip: a pause, the motion, a pause."""
 
     before_s: float = parameter(0.0, "pause before the motion", low=0, high=3600)
@@ -111,7 +111,7 @@ class Timing(Table):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera(Table):
+class Camera(DeclaredTable):
     """The camera of a staged scene: it looks straight ahead and moves while the motion lasts."""
 
     height_m: float = parameter(1.5, "height above the ground", above=0, high=10_000)
@@ -138,7 +138,7 @@ class Camera(Table):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene(Table):
+class Scene(DeclaredTable):
     """A shift and a turn of all objects together, their common motion, and the background."""
 
     centre_deg: tuple[float, float] = parameter(
@@ -201,7 +201,7 @@ class Scene(Table):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effects(Table):
+class Effects(DeclaredTable):
     """Changes of the finished picture."""
 
     invert: bool = parameter(False, "swap dark and light (contrast polarity)")
@@ -219,7 +219,7 @@ class Effects(Table):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProtocolTables(Table):
+class ProtocolTables(DeclaredTable):
     """The tables of a stimulus. Each table checks itself; `Protocol` checks them together."""
 
     name: str = parameter("stimulus", "its name")
@@ -340,7 +340,7 @@ def _full_keys(word: str, table: Mapping[str, Any]) -> str:
 
     The word may lack the unit: ``before`` stands for ``timing.before_s``.
     """
-    owners: list[tuple[Any, type[Table], Any]] = [
+    owners: list[tuple[Any, type[DeclaredTable], Any]] = [
         (each.name, each.table, "") for each in ProtocolTables.declared() if each.table
     ]
     owners += [(one.get("id"), Object, one.get("kind")) for one in _objects_of(table)]

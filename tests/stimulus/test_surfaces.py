@@ -11,7 +11,7 @@ import pytest
 from oppload_cli.stimulus.background import _Surroundings
 from oppload_cli.stimulus.courses import AHEAD, RIGHT, UP
 from oppload_cli.stimulus.geometry import Projection
-from oppload_cli.stimulus.staging import View
+from oppload_cli.stimulus.staging import CameraView
 from oppload_cli.stimulus.surfaces import Surface, Texture
 
 if TYPE_CHECKING:
@@ -23,10 +23,10 @@ SIDE, EYE = 300, 100.0
 PLAIN = Texture(np.ones((4, 4), np.float32), repeats=True)
 
 
-def view(ahead: float = 0.0) -> View:
+def view(ahead: float = 0.0) -> CameraView:
     """Return the view of a camera that has moved ahead; its eye is 100 px from the screen."""
     projection = Projection((SIDE, SIDE), math.radians(EYE), perspective=True)
-    return View((0.0, 0.0, ahead), (RIGHT, UP, AHEAD), projection)
+    return CameraView((0.0, 0.0, ahead), (RIGHT, UP, AHEAD), projection)
 
 
 def wall(high: float) -> Surface:
