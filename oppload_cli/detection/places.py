@@ -55,7 +55,7 @@ class Detection(NamedTuple):
     --------
     >>> import oppload_cli as oppload
     >>> records = oppload.analyse("controls/looming-perspective", rmo=False)
-    >>> found = [each for record in records for each in record.detections if each.alarm]
+    >>> found = [seen for record in records for seen in record.detections if seen.alarm]
     >>> found[0].identity, 0 < found[0].box.width < found[-1].box.width
     (1, True)
     """
@@ -114,7 +114,7 @@ def _peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
         if len(peaks) == params.most:
             break
-        if not any(_shares_field(maps, row, column, each) for each in peaks):
+        if not any(_shares_field(maps, row, column, peak) for peak in peaks):
             peaks.append(_Peak(row, column, float(responses[row, column])))
     return peaks
 
@@ -308,10 +308,11 @@ class Detections:
         elif self._cause is None and found:
             self._cause = found[0].identity
         return tuple(
-            each._replace(
-                alarm=alarm and (each.identity == self._cause or each.response > threshold)
+            detection._replace(
+                alarm=alarm
+                and (detection.identity == self._cause or detection.response > threshold)
             )
-            for each in found
+            for detection in found
         )
 
     def of_box(self, response: Response) -> tuple[Detection, ...]:

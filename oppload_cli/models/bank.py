@@ -204,8 +204,11 @@ class DetectorBank:
             for name, detector in self.detectors.items()
             if detector.interpolates or not between
         }
-        self.responded |= {name for name, each in responses.items() if each is not None}
-        return {n: self._at_rest(n) if each is None else each for n, each in responses.items()}
+        self.responded |= {name for name, response in responses.items() if response is not None}
+        return {
+            name: self._at_rest(name) if response is None else response
+            for name, response in responses.items()
+        }
 
     def units_of(self, name: str) -> UnitMaps | None:
         """Return the units of a detector at the latest frame; None if it has no units."""
@@ -228,7 +231,9 @@ class DetectorBank:
         `intervals`, the number of intervals since the start, has reached its warm-up.
         """
         if self._photoreceptors.layer.frames == 1:
-            self.responded |= {n for n, each in self.detectors.items() if intervals >= each.warm_up}
+            self.responded |= {
+                name for name, detector in self.detectors.items() if intervals >= detector.warm_up
+            }
         return {name: self._at_rest(name) for name in self.detectors}
 
     def _at_rest(self, name: str) -> Response | None:
@@ -301,7 +306,9 @@ def _plain(response: Response) -> Response:
     takes it, but not the result of comparing it with a threshold.
     """
     changed: dict[str, Any] = {
-        name: each.item() for name, each in vars(response).items() if isinstance(each, np.generic)
+        name: value.item()
+        for name, value in vars(response).items()
+        if isinstance(value, np.generic)
     }
     if any(isinstance(side, np.generic) for side in response.box or ()):
         changed["box"] = Box(*map(float, response.box or ()))

@@ -118,4 +118,4 @@ def columns_of(
     columns += (*detector.columns, *(detector.details if details else ()))
     if details:
         columns += ALARM_DETAILS if detector.places else ALARM_DETAILS[:1]
-    return tuple(each._replace(name=f"{detector.name}_{each.name}") for each in columns)
+    return tuple(column._replace(name=f"{detector.name}_{column.name}") for column in columns)

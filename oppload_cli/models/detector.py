@@ -315,8 +315,8 @@ class Detector(ABC):
         super().__init_subclass__()
         cls.by_default = vars(cls).get("by_default", False)
         if "responses" in vars(cls) and "details" not in vars(cls):
-            declared = [each for each in fields(cls.responses) if "column" in each.metadata]
-            cls.details = tuple(Column(each.name, *each.metadata["column"]) for each in declared)
+            declared = [value for value in fields(cls.responses) if "column" in value.metadata]
+            cls.details = tuple(Column(value.name, *value.metadata["column"]) for value in declared)
 
     @abstractmethod
     def step(self, luma: Map) -> Response | None:

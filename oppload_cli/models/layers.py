@@ -107,8 +107,8 @@ class Photoreceptors:
     def maps(self) -> list[Map]:
         """P now and one and two intervals ago, 0 to 1; zeros where no frames were compared."""
         return [
-            self._no_change if each is None or each.change is None else each.change
-            for each in self._series
+            self._no_change if frame is None or frame.change is None else frame.change
+            for frame in self._series
         ]
 
     @property
@@ -122,7 +122,7 @@ class Photoreceptors:
 
         Changes add up over time. So each mean is scaled to the wanted length of the interval.
         """
-        return [each.mean * each.share if each else 0.0 for each in self._series]
+        return [frame.mean * frame.share if frame else 0.0 for frame in self._series]
 
     @property
     def luma_change(self) -> float | None:
@@ -132,7 +132,7 @@ class Photoreceptors:
     @property
     def ready(self) -> bool:
         """Whether P was measured now and one and two intervals ago."""
-        return all(each is not None and each.change is not None for each in self._series)
+        return all(frame is not None and frame.change is not None for frame in self._series)
 
     @property
     def motion_lasts(self) -> bool:
@@ -151,7 +151,7 @@ class Photoreceptors:
         The squares are as large as possible, and centred in the frame. If the frame has fewer
         pixels than squares, the maps are resized instead.
         """
-        return [self._coarse_of(each, shape) for each in self._series]
+        return [self._coarse_of(frame, shape) for frame in self._series]
 
     def _coarse_of(self, frame: _PastFrame | None, shape: tuple[int, int]) -> Map:
         if frame is None or frame.change is None:

@@ -124,8 +124,8 @@ def register(detector: type[Detector]) -> type[Detector]:
     # A subclass of a registered detector without parameters inherits the empty class of that one.
     if detector.parameters is Parameters or (inherited and not detector.parameters.declared()):
         detector.parameters = _no_parameters(detector)
-    others = [each for each in detectors().values() if each is not known]
-    if any(each.parameters is detector.parameters for each in others):
+    others = [kind for kind in detectors().values() if kind is not known]
+    if any(kind.parameters is detector.parameters for kind in others):
         raise ParameterError(
             f"{where}: its parameters, {detector.parameters.__name__}, are those of another "
             f"detector; set 'parameters' to a class that extends {detector.parameters.__name__}"
@@ -245,10 +245,10 @@ def _check_class(detector: type[Detector]) -> str:
 
 
 def _check_parameters(detector: type[Detector], where: str) -> None:
-    for each in detector.parameters.__mro__:  # a dataclass replaces its fields by their defaults
-        if any(isinstance(value, Field) for value in vars(each).values()):
+    for kind in detector.parameters.__mro__:  # a dataclass replaces its fields by their defaults
+        if any(isinstance(value, Field) for value in vars(kind).values()):
             raise ParameterError(
-                f"{where}: its parameters, {each.__name__}, are no dataclass; write "
+                f"{where}: its parameters, {kind.__name__}, are no dataclass; write "
                 "@dataclass(frozen=True, kw_only=True) above the class"
             )
     with faults_at(where):
@@ -277,7 +277,7 @@ def _check_types(detector: type[Detector], where: str) -> None:
 
 def _is_again(known: type[Detector], detector: type[Detector]) -> bool:
     """Return whether a class is the known one, or a new definition of it by the user."""
-    names = {(each.__module__, each.__qualname__) for each in (known, detector)}
+    names = {(kind.__module__, kind.__qualname__) for kind in (known, detector)}
     return known is detector or (len(names) == 1 and not is_of_package(known))
 
 
@@ -334,7 +334,7 @@ def known_names() -> tuple[str, ...]:
 def default_names() -> tuple[str, ...]:
     """Return the names of the detectors that run if the user chooses none."""
     return tuple(
-        name for name, each in _detectors.items() if not isinstance(each, str) and each.by_default
+        name for name, kind in _detectors.items() if not isinstance(kind, str) and kind.by_default
     )
 
 
@@ -389,12 +389,12 @@ def other_heights(names: Iterable[str]) -> tuple[int, ...]:
 
 def placing_detector(names: Iterable[str]) -> type[Detector] | None:
     """Return the first of some detectors that has places: oppload reports its detections."""
-    return next((each for each in map(detector_named, names) if each.places), None)
+    return next((kind for kind in map(detector_named, names) if kind.places), None)
 
 
 def detector_of(params: Parameters) -> type[Detector]:
     """Return the detector to which a set of parameters belongs; a ParameterError if none has it."""
-    imported = [each for each in _detectors.values() if not isinstance(each, str)]
+    imported = [kind for kind in _detectors.values() if not isinstance(kind, str)]
     for detector in chain(imported, map(detector_named, known_names())):
         if type(params) is detector.parameters:
             return detector
@@ -445,7 +445,7 @@ def is_rounding_error(response: float, least: float) -> bool:
 
 
 def _column_names(detector: type[Detector]) -> tuple[str, ...]:
-    return tuple(each.name for each in columns_of(detector, details=True, degrees=True))
+    return tuple(column.name for column in columns_of(detector, details=True, degrees=True))
 
 
 def is_of_package(detector: type[Detector]) -> bool:

@@ -104,7 +104,7 @@ class TtcGradient(Detector):
         step = max(1, round(side / 30))
         ends = height - 1 - self._half, width - 1 - self._half
         centres = [np.arange(self._half, end, step) for end in ends]
-        self._windows = [_Windows(each, self._half) for each in centres]
+        self._windows = [_Windows(along, self._half) for along in centres]
         self._middle = (height - 1) // 2, (width - 1) // 2
         self._y = np.arange(height - 1, dtype=np.float32)[:, None] - self._middle[0]
         self._x = np.arange(width - 1, dtype=np.float32) - self._middle[1]
@@ -128,12 +128,12 @@ class TtcGradient(Detector):
         sums = np.moveaxis(across.sums(rows, 2), 1, 0)
         pixels = (height - 1) * (width - 1)
         of_frame = _fitted(sums[:, -1, -1:], 0, 0, pixels, max(self.shape))
-        a, b, c, r2 = (float(each[0]) for each in of_frame)
+        a, b, c, r2 = (float(values[0]) for values in of_frame)
         if sums.shape[1] == 1 or sums.shape[2] == 1:  # no window lies within the frame
             return TtcGradientResponse(0.0, None, a, b, c, r2)
         half, side = self._half, 2 * self._half + 1
         grid = np.meshgrid(down.centres, across.centres, indexing="ij")
-        ys, xs = (each.ravel() for each in grid)
+        ys, xs = (values.ravel() for values in grid)
         windows = sums[:, :-1, :-1].reshape(len(sums), -1)
         middle_y, middle_x = self._middle
         _, _, best_c, best_r2 = _fitted(windows, ys - middle_y, xs - middle_x, side**2, half)
@@ -176,7 +176,9 @@ class _Windows:
         self.centres = centres
         starts, ends = centres - half, centres + half + 1
         self._edges = np.unique([0, *starts, *ends])
-        self._starts, self._ends = (np.searchsorted(self._edges, each) for each in (starts, ends))
+        self._starts, self._ends = (
+            np.searchsorted(self._edges, places) for places in (starts, ends)
+        )
 
     def sums(self, values: NDArray[np.floating[Any]], axis: int) -> Numbers:
         """Return the sum over each window along the axis, then the sum over the complete axis."""

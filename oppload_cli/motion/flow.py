@@ -225,7 +225,7 @@ class Interpolation:
             return
         y, x = np.mgrid[: luma.shape[0], : luma.shape[1]].astype(np.float32)
         # The samples do not reach the last rows and columns where these do not fill a square.
-        column, row = ((each + 0.5) / np.float32(flow.side) - 0.5 for each in (x, y))
+        column, row = ((positions + 0.5) / np.float32(flow.side) - 0.5 for positions in (x, y))
         vectors = cv2.remap(
             flow.vectors, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )

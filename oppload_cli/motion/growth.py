@@ -98,7 +98,7 @@ class Windows:
     def fit(self, vectors: Map) -> WindowFit:
         """Fit a growth to the flow in each window; `vectors` as in :class:`Flow`."""
         means = cv2.resize(vectors, self._size, interpolation=cv2.INTER_AREA)
-        u, v = (np.asarray(each, np.float32) for each in cv2.split(means))
+        u, v = (np.asarray(component, np.float32) for component in cv2.split(means))
         mean_u, mean_v = self._mean(u), self._mean(v)
         along_x = self._mean(u * self._x) - mean_u * self._mean_x
         along_y = self._mean(v * self._y) - mean_v * self._mean_y

@@ -159,7 +159,7 @@ class EmdLplc2Gf(ChangeDetector):
         # Of portrait frames the width is reduced to the authors' height, see docs/glossary.md.
         side = min(self.shape)
         reduced = min(side, self.params.height)
-        self._rows, self._columns = (round(each * reduced / side) for each in self.shape)
+        self._rows, self._columns = (round(length * reduced / side) for length in self.shape)
         self._field = self.params.receptive_field or 2 * round(reduced / 3)
         self._filtered, self._on, self._off = np.zeros((3, self._rows, self._columns))
         self._voltage, self._input, self._active, self._collision = _REST_MV, 0.0, 0, 0

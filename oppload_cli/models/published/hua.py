@@ -71,7 +71,7 @@ class _Pathway:
         left[:, 1:] = -bias[:, 1:] * self._across[:, :-1]
         up[1:] = -bias[1:] * self._down[:-1]
         motion = bias * self._across, left, bias * self._down, up
-        return [_to_power(each - rise, self._exponent) for each in motion]
+        return [_to_power(value - rise, self._exponent) for value in motion]
 
     def _rise(self, s: Map) -> Map:
         """Return the change, since the frame before, of the contrast of S with its 8 neighbours.
@@ -130,7 +130,7 @@ class _Motion:
         self.frames = 0
         self.sums = np.zeros((2, 2, 2, 2))
         self._before: NDArray[np.uint8] | None = None
-        self._pathways = [_Pathway(self.shape, each, self._share) for each in _EXPONENTS]
+        self._pathways = [_Pathway(self.shape, exponent, self._share) for exponent in _EXPONENTS]
 
     @property
     def ready(self) -> bool:
@@ -162,7 +162,9 @@ class _Motion:
         sums = np.empty((2, 2, 2))
         for y, rows in enumerate((slice(row), slice(row, None))):
             for z, columns in enumerate((slice(column), slice(column, None))):
-                half, curved = (each[rows, columns].sum(dtype=np.float64) / 2 for each in (x, bent))
+                half, curved = (
+                    values[rows, columns].sum(dtype=np.float64) / 2 for values in (x, bent)
+                )
                 sums[y, z] = curved + half, curved - half
         return sums
 

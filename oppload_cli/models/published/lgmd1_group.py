@@ -153,7 +153,7 @@ class Lgmd1Group(_Persistent):
         g, w = grouped(s, self.params.grouping, _LEAST_SCALE, ZERO)
         # 0.15 G is compared, not G with 15 / 0.15: the rounding of 0.15 G decides ties.
         k = float(g[self.params.decay * g >= self.params.threshold].sum())
-        norms = [float(cv2.norm(each, cv2.NORM_L1)) for each in (s, q)]
+        norms = [float(cv2.norm(layer, cv2.NORM_L1)) for layer in (s, q)]
         mean = k / self.pixels
         return Lgmd1GroupResponse(mean, None, sigmoid(mean), k, w, *norms)
 
@@ -242,8 +242,8 @@ class Plgmd(_Persistent):
 
     def _respond_to(self, q: Plane, before: Plane) -> PlgmdResponse:
         sums = np.array([self._sum_of_g(q, before) for _ in range(self.params.runs)])
-        potentials = np.array([sigmoid(each / self.pixels) for each in sums])
-        spreads = [float(each.std(ddof=min(1, len(each) - 1))) for each in (potentials, sums)]
+        potentials = np.array([sigmoid(total / self.pixels) for total in sums])
+        spreads = [float(values.std(ddof=min(1, len(values) - 1))) for values in (potentials, sums)]
         k, total = float(potentials.mean()), float(sums.mean())
         first = float(potentials[0]), float(sums[0])
         return PlgmdResponse(total / self.pixels, None, *first, k, spreads[0], total, spreads[1])

@@ -98,7 +98,7 @@ class LgmdContrast(ChangeDetector):
         s = s_on + s_off + s_on * s_off
         g, _ = grouped(s, 4, 0.01, MIRROR)
         response = total(g[self.params.decay * g >= self.params.threshold])
-        sums = [total(each) for each in (s, *self._m, contrasts[0], inhibitions[1])]
+        sums = [total(values) for values in (s, *self._m, contrasts[0], inhibitions[1])]
         potential = sigmoid(response / (0.1 * self.pixels))
         return LgmdContrastResponse(response / self.pixels, None, potential, *sums)
 

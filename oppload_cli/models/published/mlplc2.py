@@ -250,7 +250,10 @@ class Mlplc2(ChangeDetector):
             _correlate(pathway, pixels, signals, self.shape[1], self._interval_ms)
         motion = self._motion[:, :, moving]
         self._moves[moving] = (motion > _LOST_MOTION).any(axis=(0, 1))
-        t4, t5 = (_powered(*each) for each in zip(motion, _EXPONENTS, strict=True))
+        t4, t5 = (
+            _powered(pathway, exponent)
+            for pathway, exponent in zip(motion, _EXPONENTS, strict=True)
+        )
         return self._attend(moving, _GAIN * (t4 + t5))
 
     def _drive(self, inhibiting: Plane, exciting: Plane) -> None:
@@ -269,7 +272,7 @@ class Mlplc2(ChangeDetector):
         """Compress each signal; compressed signals up to the threshold become 0."""
         self._now, self._former = self._former, self._now
         oldest, self._earlier = self._earlier, self._active
-        self._active = [np.flatnonzero(each > self._limit) for each in self._signal]
+        self._active = [np.flatnonzero(signal > self._limit) for signal in self._signal]
         for compressed, signal, former, at in zip(
             self._now, self._signal, oldest, self._active, strict=True
         ):
@@ -294,7 +297,7 @@ class Mlplc2(ChangeDetector):
             best = int(magnitude.argmax())
             largest_motion = float(magnitude[best]), int(x[best]), int(y[best])
         oldest = self._oldest
-        largest = max(self._fields or [oldest], key=lambda each: each.outputs[-1])
+        largest = max(self._fields or [oldest], key=lambda attention: attention.outputs[-1])
         output, side = largest.outputs[-1], 2.0 * _HALF_FIELD
         left_top = largest.x - _HALF_FIELD, largest.y - _HALF_FIELD
         box = Box(*left_top, side, side) if output > 0 else None
@@ -309,8 +312,8 @@ class Mlplc2(ChangeDetector):
         records = np.flatnonzero(np.diff(np.maximum.accumulate(magnitude), prepend=0.0) > 0)
         y, x = y[records], x[records]
         outside = np.ones(len(records), bool)
-        for each in self._fields:
-            outside &= ~(_within(y - each.y) & _within(x - each.x))
+        for attention in self._fields:
+            outside &= ~(_within(y - attention.y) & _within(x - attention.x))
         if outside.any():
             last = np.flatnonzero(outside)[-1]  # the last of these pixels has the largest motion
             self._opened += 1

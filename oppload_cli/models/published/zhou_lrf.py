@@ -182,11 +182,11 @@ class ZhouLrf(Detector):
         late_left, late_right, late_lower, late_upper = delayed
         across = right * late_left - late_right * left
         up = upper * late_lower - late_upper * lower
-        channels = [np.maximum(each, 0) for each in (across, -across, up, -up)]
+        channels = [np.maximum(speed, 0) for speed in (across, -across, up, -up)]
         rows, columns = (size - _FIELD + 1 for size in self._grid)
         drive = sum(
-            cv2.filter2D(channel, -1, each, anchor=(0, 0))[:rows, :columns]
-            for channel, each in zip(channels, self._weights, strict=True)
+            cv2.filter2D(channel, -1, weights, anchor=(0, 0))[:rows, :columns]
+            for channel, weights in zip(channels, self._weights, strict=True)
         )
         units = np.maximum(0, _UNIT_BIAS + drive)
         row, column = divmod(int(units.argmax()), columns)
