@@ -50,9 +50,9 @@ if TYPE_CHECKING:
     from oppload_cli.pipeline.analysis import Analysis, analyse
     from oppload_cli.pipeline.sources import open_source
     from oppload_cli.plots.curves import plot_curves
-    from oppload_cli.plots.places import plot_places
-    from oppload_cli.plots.rmo import plot_rmo
-    from oppload_cli.plots.tuning import plot_tuning
+    from oppload_cli.plots.place_map import plot_places
+    from oppload_cli.plots.rmo_curves import plot_rmo
+    from oppload_cli.plots.tuning_plots import plot_tuning
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.results.tuning import Tuning, read_tuning
     from oppload_cli.schema import Parameters, parameter
@@ -99,9 +99,9 @@ _MODULES = {
     "pipeline.analysis": ("Analysis", "analyse"),
     "pipeline.sources": ("open_source",),
     "plots.curves": ("plot_curves",),
-    "plots.places": ("plot_places",),
-    "plots.rmo": ("plot_rmo",),
-    "plots.tuning": ("plot_tuning",),
+    "plots.place_map": ("plot_places",),
+    "plots.rmo_curves": ("plot_rmo",),
+    "plots.tuning_plots": ("plot_tuning",),
     "results.table": ("FrameRecord",),
     "results.tuning": ("Tuning", "read_tuning"),
     "schema": ("Parameters", "parameter"),

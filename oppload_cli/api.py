@@ -383,7 +383,7 @@ def tune(
     >>> tuning.rows[["disk.growth.l_over_v_ms", "peak_before_contact_s"]].round(2).values.tolist()
     [[40.0, 0.13], [80.0, 0.23]]
     """
-    from oppload_cli.plots.tuning import summary_of  # noqa: PLC0415 - loads matplotlib
+    from oppload_cli.plots.tuning_plots import summary_of  # noqa: PLC0415 - loads matplotlib
 
     if (stimulus is None) == (figure is None):
         raise ParameterError("give a stimulus or a figure, one of the two")

@@ -186,7 +186,7 @@ def _groups(
 
 def _kind_of(path: Path, kind: str | None) -> tuple[str, bool]:
     """Return the kind of plot of a file, and whether it is the file's kind without ``--kind``."""
-    from oppload_cli.plots import tuning
+    from oppload_cli.plots import tuning_plots
 
     if not is_tuning(path):
         return kind or "curves", kind in {None, "curves"}
@@ -196,7 +196,7 @@ def _kind_of(path: Path, kind: str | None) -> tuple[str, bool]:
             f"draw --kind {', '.join(_TUNING_KINDS)}"
         )
     try:
-        usual = tuning.kind_of(oppload.read_tuning(path))
+        usual = tuning_plots.kind_of(oppload.read_tuning(path))
     except ResultError:  # drawing the table raises the error again
         usual = kind or ""
     return kind or usual, kind in {None, usual}
@@ -254,7 +254,7 @@ def _draw_tunings(
     paths: Sequence[Path], kind: str | None, chosen: dict[str, Any], failures: list[ResultError]
 ) -> tuple[Figure, list[str]]:
     """Draw tables of ``oppload tune``; return also the lines that describe them."""
-    from oppload_cli.plots import tuning
+    from oppload_cli.plots import tuning_plots
 
     tunings, labels = _readable(paths, chosen["labels"], oppload.read_tuning, failures)
     look = {"labels": labels, "models": chosen["models"], "lplc2": chosen["lplc2"]}
@@ -266,7 +266,7 @@ def _draw_tunings(
         title=chosen["title"],
         **look,
     )
-    return figure, tuning.lines_of(tunings, kind, **look)
+    return figure, tuning_plots.lines_of(tunings, kind, **look)
 
 
 def _draw_results(
@@ -297,7 +297,7 @@ def _draw_results(
 
 
 def _draw_map(results: Sequence[BaseResult], chosen: dict[str, Any]) -> Figure:
-    from oppload_cli.plots import places
+    from oppload_cli.plots import place_map
 
     if len(results) > 1:
         raise ResultError(f"{results[1].path}: a map shows one result; leave out --output")
@@ -311,7 +311,7 @@ def _draw_map(results: Sequence[BaseResult], chosen: dict[str, Any]) -> Figure:
     except SourceError as error:
         remark = f"the map has no video ({error}), so its background is white"
     else:
-        still = places.still_of(result, video, model=model)
+        still = place_map.still_of(result, video, model=model)
     figure, _ = oppload.plot_places(result, still, title=chosen["title"], model=model)
     if remark:
         say(f"oppload: {result.path}: {remark}")

@@ -27,11 +27,6 @@ if TYPE_CHECKING:
 
     Peaks = Mapping[Any, float]  # by axis in degrees
 
-_NARROW = 28  # characters in a line above one of two panels side by side
-_NARROWEST = 20  # beside a colour bar
-_HALF = 0.5
-_MOST_RATIO = 1000  # the number means little above it
-
 
 @contextmanager
 def _panels(
@@ -78,7 +73,7 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     tuning = curves[0].tuning
     wanted = "a position; run 'oppload tune --figure position'"
     right, up = (column_of(tuning, end, wanted, count=2) for end in (".right", ".up"))
-    title_width = _NARROWEST if len(curves) > 1 else style.TITLE_WIDTH
+    title_width = 20 if len(curves) > 1 else style.TITLE_WIDTH  # beside a colour bar
     labels = (described(right), described(up))
     # Without the room for each line of the title, the panel would be drawn over the foot.
     above = 0.25 + 0.14 * style.wrapped(request.title, style.TITLE_WIDTH).count("\n")
@@ -95,8 +90,8 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
                 *edges, share, cmap=style.SHADES, vmin=0, vmax=1, rasterized=True
             )
             panel.set_aspect("equal")
-            if share.min() < _HALF <= share.max():
-                panel.contour(x, y, share, levels=[_HALF], colors="white", linewidths=0.9)
+            if share.min() < 0.5 <= share.max():
+                panel.contour(x, y, share, levels=[0.5], colors="white", linewidths=0.9)
             label = f"{curve.name}{curve.doubts}\n{_half_distance(x, y, share)}"
             panel.set_title(style.wrapped(label, title_width), fontsize=7)
         style.write_title(figure, request.title)
@@ -113,7 +108,7 @@ def _half_distance(x: Series, y: Series, share: Series) -> str:
     """
     if not share.max() > 0:
         return "no response"
-    if share.min() >= _HALF:
+    if share.min() >= 0.5:
         return "never falls to half"
     row, column = np.unravel_index(int(share.argmax()), share.shape)
     distances = []
@@ -121,11 +116,11 @@ def _half_distance(x: Series, y: Series, share: Series) -> str:
         (x[column:], share[row, column:]), (x[column::-1], share[row, column::-1]),
         (y[row:], share[row:, column]), (y[row::-1], share[row::-1, column]),
     ):  # fmt: skip
-        below = np.flatnonzero(values < _HALF)
+        below = np.flatnonzero(values < 0.5)
         if not below.size:
             return "half on some sides only"
         end = int(below[0])
-        part = (values[end - 1] - _HALF) / (values[end - 1] - values[end])
+        part = (values[end - 1] - 0.5) / (values[end - 1] - values[end])
         crossing = places[end - 1] + part * (places[end] - places[end - 1])
         distances.append(abs(crossing - places[0]))
     return f"half at {np.mean(distances):.0f} deg"
@@ -145,7 +140,7 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
         raise ResultError(f"{tuning.path}: column '{sides}' never holds '{min(missing)}'")
     low, high = BOTH_ENDS_OVER_ONE
     note = f"\nboth / one in LPLC2 neurons: {low:.1f} to {high:.1f}" * request.published
-    title_width = _NARROW if len(curves) > 1 else style.TITLE_WIDTH
+    title_width = 28 if len(curves) > 1 else style.TITLE_WIDTH
     labels = (described(axis), "peak / largest peak")
     with _panels(len(curves), labels, 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
@@ -210,8 +205,8 @@ def _opposite(axis: float) -> float:
 
 def _ratio(value: float) -> str:
     """Return a ratio with two digits below 100, without an exponent, and as ``over 1000`` above."""
-    if value > _MOST_RATIO:
-        return f"over {_MOST_RATIO}"
+    if value > 1000:  # the number means little
+        return "over 1000"
     return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
 
 

@@ -44,17 +44,7 @@ if TYPE_CHECKING:
     Panels = Sequence[Sequence[Curve]]
     Drawn = tuple[Figure, list[Axes]]
 
-_MOST_CURVES = 6  # in a figure with a line of the legend for each curve
-_MOST_STEPS = 15  # between the numbers below a row of small panels, so that they do not touch
-_MOST_PANELS = 24  # results with a small panel each; more results are a heat map
-_MOST_LONGER = 4  # longest input over the shortest one, for one time axis
-_MOST_BINS = 400  # of time, in a heat map
-_MOST_NAMES = 60  # along a heat map
-_MOST_MAPS = 5  # of detectors, side by side
-_ALARM = "#D55E00"
-_NAME_WIDTH = 16  # characters in a line of an object's name
-_NOTE_WIDTH = 41  # characters in a line of a note, in a legend of three columns
-_LINE = 0.09  # inches: the height of a line of a legend
+_LEGEND_LINE = 0.09  # inches: the height of a line of a legend
 
 
 def plot_curves(
@@ -151,9 +141,9 @@ def plot_curves(
     style.check_xlim([curve.time for curves in panels for curve in curves], xlim)
     if axes is not None:
         return _draw_into(axes, panels, options.with_bars(panels))
-    if sum(map(len, panels)) <= _MOST_CURVES:
+    if sum(map(len, panels)) <= 6:  # with a line of the legend for each curve
         return _draw_few(panels, options.with_bars(panels))
-    if len(results) <= _MOST_PANELS:
+    if len(results) <= 24:
         small = _small_panels(panels)
         return _draw_multiples(small, options.with_bars(small))
     return _draw_heat(_small_panels(panels), options)
@@ -214,7 +204,7 @@ def _draw_few(panels: Panels, options: CurveOptions) -> Drawn:
             draw_marks(panel, curves, options)
             style.spread_ticks(panel[-1], style.PANEL_WIDTH)
         axes[-1].set_xlabel(options.time_label)
-        figure.set_figheight(min(style.MOST_HEIGHT, 0.2 + sum(heights) + _LINE * lines))
+        figure.set_figheight(min(style.MOST_HEIGHT, 0.2 + sum(heights) + _LEGEND_LINE * lines))
         style.write_title(figure, options.title if len(panels) > 1 else None)
     return figure, axes
 
@@ -229,7 +219,7 @@ def _titles(panels: Panels, options: CurveOptions) -> list[str]:
     inputs = {curves[0].number: curves[0].result.title for curves in panels}
     same_input = len(set(inputs.values())) < len(inputs)
     titles = []
-    for curves, name in zip(panels, _names(panels), strict=True):
+    for curves, name in zip(panels, _panel_names(panels), strict=True):
         number = curves[0].number
         if len({curve.number for curve in curves}) > 1:
             titles.append(detector_named(curves[0].detector).label)
@@ -243,7 +233,7 @@ def _titles(panels: Panels, options: CurveOptions) -> list[str]:
 def _of_like_length(panels: Panels) -> bool:
     """Return whether one time axis suits all inputs: the shortest one remains visible on it."""
     durations = [float(np.ptp(curve.time)) for curves in panels for curve in curves]
-    return max(durations) <= _MOST_LONGER * min(durations)
+    return max(durations) <= 4 * min(durations)
 
 
 def _check_lengths(panels: Panels, options: CurveOptions) -> None:
@@ -286,7 +276,7 @@ def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
     looming = np.array([bool(frame["looming"]) for frame in frames])
     sizes = sizes_in(frames)
     for number, (name, size) in enumerate(sizes.items()):
-        dash, label = style.DASHES[number % len(style.DASHES)], style.wrapped(name, _NAME_WIDTH)
+        dash, label = style.DASHES[number % len(style.DASHES)], style.wrapped(name, 16)
         axes.plot(time, np.array(size, float), color=style.INK, lw=1, linestyle=dash, label=label)
     if 1 < len(sizes) <= len(style.DASHES):
         look = {"fontsize": 6, "handlelength": 2.2, "columnspacing": 1}
@@ -313,7 +303,7 @@ def _small_panels(panels: Panels) -> list[list[Curve]]:
     return [[replace(one, name=kind.label, colour=kind.colour, dash="-")] for one, kind in curves]
 
 
-def _names(panels: Panels) -> list[str]:
+def _panel_names(panels: Panels) -> list[str]:
     """Return the name of each panel's input, or of its detector if all panels have one input."""
     one_input = len({curves[0].number for curves in panels}) == 1 < len(panels)
     return [curves[0].name if one_input else curves[0].result_name for curves in panels]
@@ -332,7 +322,7 @@ def _draw_multiples(panels: Panels, options: CurveOptions) -> Drawn:
         several = len({curves[0].number for curves in panels}) > 1
         notes: dict[str, None] = {}
         top = 0.0
-        names = _names(panels)
+        names = _panel_names(panels)
         units = _units(panels, scale)
         for panel, curves, name, own_scale, unit in zip(
             axes, panels, names, scales, units, strict=True
@@ -351,7 +341,7 @@ def _draw_multiples(panels: Panels, options: CurveOptions) -> Drawn:
             if own_scale == "threshold":
                 log_axis(panel, top)
             draw_marks([panel], curves, options)
-            panel.locator_params(axis="x", nbins=_MOST_STEPS // columns)
+            panel.locator_params(axis="x", nbins=15 // columns)  # the numbers do not touch
             style.spread_ticks(panel, 2 * style.PANEL_WIDTH / columns)
         legend = panels if several else []
         title = options.title or ("" if several else panels[0][0].result.title)
@@ -398,7 +388,7 @@ def _legend(figure: Figure, panels: Panels, notes: Sequence[str], title: str) ->
     """Write the title, the colours of the detectors and the notes above all panels."""
     # The page has room for four columns of short names, or three columns with notes.
     columns = 3 if notes else 4
-    texts = [style.wrapped(note, _NOTE_WIDTH) for note in notes]
+    texts = [style.wrapped(note, 41) for note in notes]
     blank = [Line2D([], [], linestyle="none", label=text) for text in texts]
     entries = [*_names_in_legend(panels), *blank]
     figure.legend(
@@ -409,7 +399,7 @@ def _legend(figure: Figure, panels: Panels, notes: Sequence[str], title: str) ->
     rows = -(-len(entries) // columns)
     texts = [str(entry.get_label()) for entry in entries]
     most = max("\n".join(texts[at : at + rows]).count("\n") for at in range(0, len(texts), rows))
-    more = _LINE * 1.5 * most
+    more = _LEGEND_LINE * 1.5 * most
     figure.set_figheight(min(style.MOST_HEIGHT, figure.get_figheight() + more))
 
 
@@ -421,10 +411,10 @@ def _draw_heat(panels: Panels, options: CurveOptions) -> Drawn:
     for curve in curves:
         by_input.setdefault(curve.number, {})[curve.detector] = curve
     rows = list(by_input.values())
-    names = _names([list(row.values()) for row in rows])
+    names = _panel_names([list(row.values()) for row in rows])
     names = [style.wrapped(name, max(36, len(name) // 2 + 8)) for name in names]  # two lines
     scale = options.scale_of(curves)
-    lines = -(-len(detectors) // _MOST_MAPS)
+    lines = -(-len(detectors) // 5)  # of maps side by side
     columns = -(-len(detectors) // lines)
     row_height = 0.15 if all("\n" not in name for name in names) else 0.23
     height = 1.2 + row_height * len(rows) * lines
@@ -461,7 +451,7 @@ def _draw_heat(panels: Panels, options: CurveOptions) -> Drawn:
 def _write_names(axes: Sequence[Axes], names: Sequence[str]) -> None:
     """Write the names of the rows beside the leftmost heat map of each line of maps."""
     # Lines of maps have their titles and perhaps colour bars between them.
-    most = _MOST_NAMES if all("\n" not in name for name in names) else _MOST_NAMES * 2 // 3
+    most = 60 if all("\n" not in name for name in names) else 40
     step = -(-len(names) // (most // (2 * len(axes) - 1)))
     shown = range(0, len(names), step)
     axes[0].set_yticks(shown, [names[at] for at in shown])
@@ -479,13 +469,13 @@ def _draw_rows(
     scale: str,
 ) -> AxesImage:
     """Draw a heat map of a detector, without the scale of its colours."""
-    bins = min(_MOST_BINS, max(len(curve.time) for curve in curves if curve is not None))
+    bins = min(400, max(len(curve.time) for curve in curves if curve is not None))
     values = np.full((len(curves), bins), np.nan)
     for row, curve in enumerate(curves):
         if curve is not None:
             values[row] = _binned(curve.time, curve.scaled(scale), *ends, bins)
             for start, duration in curve.alarms():
-                axes.plot([start, start + duration], [row + 0.36] * 2, color=_ALARM, lw=1.6,
+                axes.plot([start, start + duration], [row + 0.36] * 2, color="#D55E00", lw=1.6,
                           solid_capstyle="butt")  # fmt: skip
             for times in options.marks.values():
                 if (time := times[curve.number]) is not None:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
-_WORDS = re.compile(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]")
 
 
 def labels_of(
@@ -110,7 +109,7 @@ def differences(names: Sequence[str]) -> list[str]:
     ``l/v 10`` and ``l/v 20``. If two shortened names would be equal, the names stay as they are.
     """
     plain = [re.sub(r"l-over-v[-_]?", "l/v ", name) for name in names]
-    split = [_WORDS.findall(name) for name in plain]
+    split = [re.findall(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]", name) for name in plain]
     begin = _common_count(split)
     end = _common_count([words[begin:][::-1] for words in split])
     if any(len(words) == begin + end or _NUMBER.fullmatch(words[begin]) for words in split):

@@ -30,11 +30,7 @@ SCALES = ("threshold", "peak", "raw")
 FLOOR = 0.01  # of the threshold; smaller responses are drawn at this level
 _HEADROOM = 1.25  # upper end of an axis over the peak
 # Lengths as shares of a panel's width or height.
-_LETTER = 0.02  # width of a letter of a label
 _ROW, _ROW_POINTS = 0.066, 7.5  # height of a row of labels, and the same in points
-_ROWS = 4  # rows from the top in which a label may stand
-_RING = 0.03  # half the size of the ring around a peak
-_MARGIN = 0.02  # between labels and curves
 _BAR, _BAR_STEP = 0.97, 0.035  # height of an alarm's highest bar, and from a bar to the next one
 NOT_DOTTED = "no dotted line: threshold above the panel"
 
@@ -262,7 +258,7 @@ def _draw_curve(axes: Axes, curve: Curve, value: Series, scale: str, order: int)
     best = int(np.nanargmax(value))
     largest, time = float(value[best]), curve.time
     shown = np.maximum(value, FLOOR) if scale == "threshold" else value
-    label = style.wrapped(_described(curve, scale, best), style.LEGEND_WIDTH)
+    label = style.wrapped(_legend_line(curve, scale, best), style.LEGEND_WIDTH)
     axes.plot(time, shown, **look, label=label)
     if scale == "threshold" and largest < FLOOR:
         return
@@ -274,7 +270,7 @@ def _draw_curve(axes: Axes, curve: Curve, value: Series, scale: str, order: int)
     )  # fmt: skip
 
 
-def _described(curve: Curve, scale: str, best: int) -> str:
+def _legend_line(curve: Curve, scale: str, best: int) -> str:
     """Return a curve's line in the legend: its name, its peak and the time of the peak."""
     peak, value = float(curve.response[best]), float(curve.scaled(scale)[best])
     time = float(curve.time[best])
@@ -345,7 +341,7 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
             panel.axvline(time, color=colour, lw=0.7, linestyle=(0, (4, 2)))
 
     below = max((1 - bar + _BAR_STEP for bar in options.bars_of(curves).values()), default=0.0)
-    taken: list[_Place] = []  # the places of labels
+    taken: list[_Label] = []  # the places of labels
     lines = _curves_of(axes[0])
     for label, times in marks.items():
         aligned = {curve: time - curve.zero_s for curve, time in times.items() if time is not None}
@@ -366,7 +362,13 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
 
 
 def _write_mark(
-    axes: Axes, text: str, share: float, top: float, *, taken: list[_Place], lines: Sequence[Series]
+    axes: Axes,
+    text: str,
+    share: float,
+    top: float,
+    *,
+    taken: list[_Label],
+    lines: Sequence[Series],
 ) -> None:
     """Write the label of a vertical line where it covers no other label and no curve.
 
@@ -374,16 +376,17 @@ def _write_mark(
     first row of labels, as a share of its height. `taken` has the places of other labels, and gets
     that of this label; `lines` are the curves from :func:`_curves_of`.
     """
-    width = _LETTER * len(text)
+    letter = 0.02  # its width, as a share of the width of the panel
+    width = letter * len(text)
     # A second label stands to the right of its line, away from the first label.
     right = share < 0.2 or (bool(taken) and share + width < 1)
     sides = [right, not right] if width <= share <= 1 - width else [right]
     left_ends = [share if side else share - width for side in sides]
-    places = (_Place(left, left + width, row) for row, left in product(range(_ROWS), left_ends))
+    places = (_Label(left, left + width, row) for row, left in product(range(4), left_ends))
     place = next((place for place in places if _is_free(place, top, taken, lines)), None)
     upright = place is None  # an upright label is narrow, and may cover a curve
-    begin = min(share, 1 - 2 * _LETTER)
-    place = place or _Place(begin, begin + 2 * _LETTER, 0)
+    begin = min(share, 1 - 2 * letter)
+    place = place or _Label(begin, begin + 2 * letter, 0)
     taken.append(place)
     right = place.left >= share
     axes.annotate(
@@ -418,7 +421,7 @@ def _marks_of(
     return marks, other_contacts
 
 
-class _Place(NamedTuple):
+class _Label(NamedTuple):
     """The place of a label: its ends as shares of the panel's width, and its row from the top."""
 
     left: float
@@ -434,20 +437,21 @@ def _curves_of(axes: Axes) -> list[Series]:
     """
     place = axes.transData + axes.transAxes.inverted()
     lines = [place.transform(np.asarray(line.get_xydata(), float)) for line in axes.lines]
-    top = np.array([(-_RING, _RING), (_RING, _RING)])
+    ring = 0.03  # half its size
+    top = np.array([(-ring, ring), (ring, ring)])
     tops = [line + top for line in lines if len(line) == 1]
     return [line for line in lines if len(line) > 2] + tops
 
 
-def _is_free(place: _Place, top: float, taken: Sequence[_Place], lines: Sequence[Series]) -> bool:
+def _is_free(place: _Label, top: float, taken: Sequence[_Label], lines: Sequence[Series]) -> bool:
     """Return whether a label covers no label and no curve; arguments as for `_write_mark`."""
     left, right, row = place
     if any(row == other.row and left < other.right and other.left < right for other in taken):
         return False
-    high = top - _ROW * row
+    high, margin = top - _ROW * row, 0.02
     x = np.linspace(left, right, 50)
     heights = (np.interp(x, line[:, 0], line[:, 1], np.nan, np.nan) for line in lines)
-    return not any(np.any((y > high - _ROW - _MARGIN) & (y < high + _MARGIN)) for y in heights)
+    return not any(np.any((y > high - _ROW - margin) & (y < high + margin)) for y in heights)
 
 
 def shared_truth(curves: Sequence[Curve]) -> Truth | None:

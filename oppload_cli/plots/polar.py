@@ -27,15 +27,9 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Series
     from oppload_cli.results.tuning import Tuning
 
-_TURN = 2 * np.pi
-_POLAR = {"projection": "polar"}
 _NARROW = 30  # characters in a line above a small plot
-_MOST_CURVES = 6  # in one plot; of more curves, each has a small plot
-_LABEL_POINTS = 28  # from the circle down to the lower end of an axis label of one line
-_LINE_POINTS = 10  # the height of a second line of the label
 _SCENE = "scene.rotation_deg"
-_MOTION, _TURNED = "direction of motion", "rotation of the scene"
-_ROUNDING = 1e-6  # as a share of the peak: responses that differ by less are equal
+_POLAR = {"projection": "polar"}
 
 
 @dataclass(frozen=True)
@@ -56,7 +50,7 @@ class _Selectivity:
 def selectivity(angles_deg: Series, responses: Series) -> _Selectivity:
     """Measure directional tuning, from n directions and n responses of at least 0."""
     # Of peaks that are equal but for rounding, the first one counts.
-    best = int(np.argmax(responses >= (1 - _ROUNDING) * responses.max()))
+    best = int(np.argmax(responses >= (1 - 1e-6) * responses.max()))
     peak, preferred = float(responses[best]), float(angles_deg[best])
     if peak <= 0:
         return _Selectivity(peak, preferred, None, None, 0.0)
@@ -101,7 +95,7 @@ class DirectionTuning:
     unit: str  # of the responses
     look: dict[str, Any]  # line properties of matplotlib
     symmetric: bool = False  # whether half a turn gives the same stimulus
-    angle: str = _MOTION  # the meaning of the angle
+    angle: str = "direction of motion"  # the meaning of the angle
     doubts: str = ""  # why the curve means little; a line break before each reason
     deviations: Series | None = None  # of the responses over the seeds; None if they are no means
 
@@ -196,7 +190,7 @@ def direction_tuning(curve: TuningCurve) -> DirectionTuning:
         detector.unit,
         {**curve.look, "markersize": 2.2},
         tuning.symmetric,
-        _TURNED if direction == _SCENE else _MOTION,
+        "rotation of the scene" if direction == _SCENE else "direction of motion",
         curve.doubts,
         None if deviations is None else completed(stated, deviations)[1],
     )
@@ -237,7 +231,7 @@ def plot_polar(request: Request) -> tuple[Figure, list[Axes]]:
     Raw responses have a plot for each curve.
     """
     curves, raw, title = direction_tunings(request), request.raw, request.title
-    if len(curves) > _MOST_CURVES:
+    if len(curves) > 6:
         return _draw_multiples(curves, raw=raw, title=title)
     groups = [[curve] for curve in curves] if raw else [list(curves)]
     columns = 1 if len(groups) <= 2 else 2 if len(groups) <= 4 else 3
@@ -328,8 +322,8 @@ def draw_polar(
     between = ";\n" if narrow else "; "
     axes.set_xlabel(f"radius: {label}{between}angle: {_angle_of(curves)}")
     axes.set_anchor("S")  # so that the layout leaves room for the legend below
-    # The distance in inches keeps the legend below the label, whatever the size of the plot.
-    down = (_LABEL_POINTS + _LINE_POINTS * narrow) / 72
+    # Points, not shares, keep the legend below the label of one or two lines, whatever the size.
+    down = (28 + 10 * narrow) / 72
     below = axes.transAxes + ScaledTranslation(0, -down, axes.figure.dpi_scale_trans)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0), bbox_transform=below, borderaxespad=0)
 
@@ -351,7 +345,9 @@ def _free_direction(axes: PolarAxes) -> float:
     def distance(direction: float) -> float:
         at = np.deg2rad(direction)
         values = [
-            np.interp(at, np.asarray(line.get_xdata()), np.asarray(line.get_ydata()), period=_TURN)
+            np.interp(
+                at, np.asarray(line.get_xdata()), np.asarray(line.get_ydata()), period=2 * np.pi
+            )
             for line in axes.lines
         ]
         return float(min(abs(tick - value) for tick in ticks for value in values))

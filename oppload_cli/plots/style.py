@@ -54,15 +54,10 @@ COLUMN = 8.5 / 2.54  # inches: the width of a journal's column
 PANEL_WIDTH = 2.75  # inches: of a panel in a column, beside its labels
 PAGE = 17.8 / 2.54  # inches: two columns
 MOST_HEIGHT = 23 / 2.54  # inches: the height of a page
-_SCREEN_DPI = 150  # in a notebook the small print is then as large as the notebook's text
 TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
-_LETTER_EM = 0.53  # mean width of a letter of a line that just fits, over the size of the font
-_LEAST_WIDTH = 8  # characters in a line
-_HEADROOM = 1.06  # upper end of an axis over its highest point, for half of a marker
 DECADES = 4  # that a logarithmic heat map shows at most
 # Lines may end at spaces, at hyphens between letters, and at the underscores of file names.
 _BREAKS = re.compile(r"([ \t]+|[^ \t]*?(?:_+|(?<=[^\W\d_])-(?=[^\W\d_])))")
-_UNIT = re.compile(r"(?<=\d) (?=(?:s|ms|deg|px)\b)")
 # The usual fonts with Chinese, Japanese and Korean characters, which DejaVu Sans lacks.
 _EAST_ASIAN = (
     *("Noto Sans CJK JP", "Noto Sans CJK SC", "Noto Sans JP", "Noto Sans SC", "Noto Sans KR"),
@@ -131,7 +126,8 @@ class _Figure(Figure):
             super().savefig(fname, **options)
 
     def _repr_png_(self) -> bytes:
-        return image_bytes(self, "png", _SCREEN_DPI)
+        # The small print is then as large as the text of a notebook.
+        return image_bytes(self, "png", 150)
 
 
 @contextmanager
@@ -298,7 +294,7 @@ def number_in_full(axes: Axes) -> None:
 
 def begin_at_zero(axes: Axes) -> None:
     """Begin the vertical axis at 0, and let the axes cut no marker."""
-    axes.set_ylim(0, _HEADROOM * max(axes.dataLim.y1, 0.0) or 1.0)
+    axes.set_ylim(0, 1.06 * max(axes.dataLim.y1, 0.0) or 1.0)  # room for half of a marker
     for line in axes.lines:
         line.set_clip_on(False)
 
@@ -373,12 +369,7 @@ def missing_characters(figure: Figure) -> str:
     """Return the characters in a figure that no font of the style has: they are drawn as boxes."""
     with _quiet_fonts():
         fonts = [get_font(findfont(name)) for name in _FONTS]
-    used = {
-        character
-        for text in figure.findobj(Text)
-        for character in text.get_text()
-        if character != "\n"
-    }
+    used = {letter for text in figure.findobj(Text) for letter in text.get_text() if letter != "\n"}
     return "".join(sorted(c for c in used if not any(f.get_char_index(ord(c)) for f in fonts)))
 
 
@@ -407,14 +398,16 @@ def wrapped(text: str, width: int) -> str:
 
     A line across a column has fewer characters if they are wide, such as capital letters.
     """
-    text = _UNIT.sub("\xa0", text)  # a number and its unit stay together
-    most = width * _LETTER_EM if width in {TITLE_WIDTH, LEGEND_WIDTH} else np.inf
+    # A number and its unit stay together.
+    text = re.sub(r"(?<=\d) (?=(?:s|ms|deg|px)\b)", "\xa0", text)
+    # A letter of a line that just fits is 0.53 em wide on average.
+    most = width * 0.53 if width in {TITLE_WIDTH, LEGEND_WIDTH} else np.inf
     while True:
         wrapper = textwrap.TextWrapper(width)
         wrapper.wordsep_re = _BREAKS
         parts = map(wrapper.wrap, text.splitlines())
         lines = [escaped(line.replace("\xa0", " ")) for part in parts for line in part]
-        if width <= _LEAST_WIDTH or max(map(width_em, lines), default=0) <= most:
+        if width <= 8 or max(map(width_em, lines), default=0) <= most:
             break
         width -= 1
     return plain("\n".join(lines))

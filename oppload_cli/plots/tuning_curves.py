@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from oppload_cli.results.tuning import Tuning
 
 
-_SEED = "seed"  # a sweep over it repeats a stimulus with other random numbers
 _DEVIATION = "peak_deviation"
 
 
@@ -124,11 +123,11 @@ def averaged(tuning: Tuning) -> Tuning:
 
     A column holds the standard deviations of the peaks, with n - 1 in the denominator.
     """
-    others = [name for name in tuning.parameters if name != _SEED]
+    others = [name for name in tuning.parameters if name != "seed"]
     if not others or len(others) == len(tuning.parameters):
         return tuning
     groups = tuning.rows.groupby([*others, "model"], sort=False, dropna=False)
-    means = groups.mean(numeric_only=True).drop(columns=_SEED)
+    means = groups.mean(numeric_only=True).drop(columns="seed")
     means[_DEVIATION] = groups["peak"].std()
     means["stimulus"] = groups["stimulus"].first()
     return replace(tuning, rows=means.reset_index(), parameters=tuple(others))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.cli.plot import plot
-from oppload_cli.plots.tuning import KINDS
+from oppload_cli.plots.tuning_plots import KINDS
 from tests.cli import process
 from tests.cli.inside import oppload
 from tests.results.make import frame_rows, write_result, write_rows, write_tuning

@@ -15,9 +15,9 @@ from matplotlib.lines import Line2D
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detectors
 from oppload_cli.plots.classic import _half_distance
-from oppload_cli.plots.contact import PeakTimes
+from oppload_cli.plots.peak_times import PeakTimes
 from oppload_cli.plots.style import INK
-from oppload_cli.plots.tuning import lines_of, plot_tuning, summary_of
+from oppload_cli.plots.tuning_plots import lines_of, plot_tuning, summary_of
 from oppload_cli.reference import angular_thresholds
 from oppload_cli.results.tuning import read_tuning
 from tests.results.make import write_tuning

@@ -17,7 +17,7 @@ from matplotlib.text import Text
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.curves import _binned, plot_curves
-from oppload_cli.plots.rmo import plot_rmo
+from oppload_cli.plots.rmo_curves import plot_rmo
 from oppload_cli.plots.style import COLUMN, CYCLE, LEAST_SIZE, METADATA, MOST_HEIGHT, PAGE, save
 from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load

@@ -13,8 +13,8 @@ from oppload_cli import Detector, Response
 from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.models import registry
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.plots.contact import PeakTimes
-from oppload_cli.plots.tuning import KINDS
+from oppload_cli.plots.peak_times import PeakTimes
+from oppload_cli.plots.tuning_plots import KINDS
 from oppload_cli.schema import Parameters, parameter
 from oppload_cli.tuning.present import Responses, low_passed, present
 from oppload_cli.tuning.run import doubts_about, tune, tuning_text

@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_MOST = 3  # results in one figure
-_INDEX, _MEAN = style.CYCLE[3], style.CYCLE[4]  # as on the HTML pages; OppLoD and D-LGMD differ
-
-
 def plot_rmo(
     results: BaseResult | Sequence[BaseResult],
     *,
@@ -67,9 +63,9 @@ def plot_rmo(
     """
     results = style.as_list(results, BaseResult)
     style.check_title(title)
-    if len(results) > _MOST:
+    if len(results) > 3:
         raise ResultError(
-            f"{results[_MOST].path}: one figure shows the RMO of at most {_MOST} results; "
+            f"{results[3].path}: one figure shows the RMO of at most 3 results; "
             "give fewer, or leave out --output"
         )
     for result in results:
@@ -102,11 +98,13 @@ def _draw(panels: Sequence[Axes], result: BaseResult, xlim: tuple[float, float] 
         for name in ("time_s", "rmo_index", "rmo_mean", "rmo_max", "rom_share")
     )
     upper, middle, lower = panels
+    # As on the HTML pages; OppLoD and D-LGMD have other colours.
+    index_colour, mean_colour = style.CYCLE[3], style.CYCLE[4]
     upper.axhline(0, color=style.FAINT, lw=0.6)
-    upper.plot(time, index, color=_INDEX)
+    upper.plot(time, index, color=index_colour)
     upper.set(ylim=(-1.08, 1.08), yticks=[-1, 0, 1], ylabel="RMO index")
-    middle.plot(time, mean, color=_MEAN, linestyle="-", label="mean of ROM pairs")
-    middle.plot(time, largest, color=_MEAN, lw=0.9, linestyle="--", label="max of ROM pairs")
+    middle.plot(time, mean, color=mean_colour, linestyle="-", label="mean of ROM pairs")
+    middle.plot(time, largest, color=mean_colour, lw=0.9, linestyle="--", label="max of ROM pairs")
     middle.set(ylim=(-0.04, 1.08), ylabel="RMO")
     style.legend_over(middle, ncols=2, borderpad=0)
     lower.plot(time, 100 * share, color=style.INK)

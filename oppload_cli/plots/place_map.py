@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     Still = NDArray[np.float32]
 
 
-_WEAKEST = 0.05  # of the peak; frames with smaller responses have no dot
-
-
 def still_of(result: BaseResult, video: str, *, model: str | None = None) -> Still:
     """Read the frame of the peak from the video of a result.
 
@@ -53,7 +50,7 @@ def still_of(result: BaseResult, video: str, *, model: str | None = None) -> Sti
     ResultError
         If the video ends before the peak, or if the result has no places of the detector.
     """
-    peak = int(result.frames["frame"].iloc[_peak(result, _detector(result, model))])
+    peak = int(result.frames["frame"].iloc[_peak_row(result, _detector(result, model))])
     span = Span(start=Position(frame=peak), duration=Position(frame=1))
     with open_video(video, height=None, span=span) as source:
         for frame in source:
@@ -118,13 +115,13 @@ def plot_places(
     result.need_responses([detector.name])
     x, y, *box = (check_numbers(result.path, result.frames, name) for name in places)
     response = result.frames[f"{detector.name}_response"].to_numpy(float)
-    best = _peak(result, detector)
+    best = _peak_row(result, detector)
     if not np.isfinite(x[best]):
         raise ResultError(
             f"{result.path}: column '{places[0]}' is empty at the peak, as {detector.label} never "
             "responded"
         )
-    shown = np.isfinite(x) & (response >= _WEAKEST * response[best])
+    shown = np.isfinite(x) & (response >= 0.05 * response[best])
     time = result.frames["time_s"].to_numpy(float)
     rows, columns = _size(result, detector, still)
     height = 0.85 + min(4.5, (style.COLUMN - 0.5) * rows / columns)
@@ -181,7 +178,7 @@ def _detector(result: BaseResult, model: str | None) -> type[Detector]:
     return first
 
 
-def _peak(result: BaseResult, detector: type[Detector]) -> int:
+def _peak_row(result: BaseResult, detector: type[Detector]) -> int:
     response = f"{detector.name}_response"
     return int(np.nanargmax(result.frames[response].to_numpy(float)))
 

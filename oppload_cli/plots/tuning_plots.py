@@ -14,8 +14,8 @@ from matplotlib.colors import LogNorm, Normalize
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.plots import style
 from oppload_cli.plots.classic import FIGURES
-from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
 from oppload_cli.plots.naming import indicator_of, labels_of
+from oppload_cli.plots.peak_times import contact_lines, fit_of, plot_contact
 from oppload_cli.plots.polar import direction_tuning, direction_tunings, plot_polar
 from oppload_cli.plots.tuning_curves import (
     Request,
@@ -37,16 +37,7 @@ if TYPE_CHECKING:
 
 
 _NARROW = 7  # columns of a heat map with numbers that fit into a journal's column
-_WIDE = 16  # columns of a heat map with numbers that fit into a page
-_SMALL = 34  # characters in a line above a small panel
 _IN_A_ROW = 4  # small panels
-_MOST_LINES = 6  # in one panel; of more lines, each has a small panel
-_SMALLEST_LETTERS, _SMALLEST_LINE = 19, 0.1  # at the foot: letters in an inch, inches of a line
-_LABEL_LINE = 0.19  # inches of the label below small panels
-_MOST_TICKS = 24  # along a heat map
-# Letters of names along a heat map: a page wide, a column wide, small; and names one above another.
-_LETTERS, _COLUMN_LETTERS, _SMALL_LETTERS = 96, 42, 26
-_ROWS, _SMALL_ROWS = 20, 12
 
 
 def plot_tuning(
@@ -275,17 +266,17 @@ def _settings_of(tuning: Tuning) -> str:
 
 def _write_below(figure: Figure, lines: Sequence[str]) -> None:
     """Write lines in small grey letters at the foot of a figure, and make it higher by them."""
-    letters = int(figure.get_figwidth() * _SMALLEST_LETTERS)
+    letters = int(figure.get_figwidth() * 19)  # of the smallest size
     text = "\n".join(style.wrapped(line, letters) for line in lines)
     if not text:
         return
-    more = _SMALLEST_LINE * (text.count("\n") + 1)
+    more = 0.1 * (text.count("\n") + 1)
     height = figure.get_figheight() + more
     figure.set_figheight(height)
     below = more
     if label := figure.get_supxlabel():  # the layout would write it over the foot
         figure.supxlabel(label, y=(more + 0.04) / height, fontsize=7.5)
-        below += _LABEL_LINE
+        below += 0.19
     engine: Any = figure.get_layout_engine()
     engine.set(rect=(0, below / height, 1, 1 - below / height))
     figure.text(
@@ -297,11 +288,11 @@ def _write_below(figure: Figure, lines: Sequence[str]) -> None:
 def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak over one swept parameter; raw peaks have a panel for each detector."""
     tunings, raw, title = request.tunings, request.raw, request.title
-    parameter = _parameter(tunings)
-    places = _places(tunings, parameter)
+    parameter = _common_parameter(tunings)
+    places = _places_of_texts(tunings, parameter)
     curves = request.curves()
     names = list(dict.fromkeys(curve.detector.name for curve in curves))
-    if len(curves) > _MOST_LINES or (raw and len(names) > style.FEW):
+    if len(curves) > 6 or (raw and len(names) > style.FEW):
         return _plot_small_lines(curves, parameter, places, title, raw=raw)
     groups = [request._replace(models=[name]).curves() for name in names] if raw else [curves]
     lines = sum(1 + curve.label.count("\n") for curve in curves)
@@ -388,7 +379,7 @@ def _plot_small_lines(
 
 def _name_small(panel: Axes, curve: TuningCurve, largest: float) -> None:
     name = f"{curve.name}\npeak {style.short_number(largest)} ({curve.detector.unit}){curve.doubts}"
-    panel.set_title(style.wrapped(name, _SMALL), fontsize=6, pad=2)
+    panel.set_title(style.wrapped(name, 34), fontsize=6, pad=2)
     panel.tick_params(labelsize=6)
 
 
@@ -406,7 +397,7 @@ def _small_panels(
         style.write_title(figure, title, 2 * style.TITLE_WIDTH)
 
 
-def _parameter(tunings: Sequence[Tuning]) -> str:
+def _common_parameter(tunings: Sequence[Tuning]) -> str:
     """Return the one swept parameter; raise ResultError if the tables suit no common line plot."""
     first = tunings[0]
     if len(first.parameters) > 1:
@@ -424,7 +415,7 @@ def _parameter(tunings: Sequence[Tuning]) -> str:
     return parameter
 
 
-def _places(tunings: Sequence[Tuning], parameter: str) -> dict[str, int]:
+def _places_of_texts(tunings: Sequence[Tuning], parameter: str) -> dict[str, int]:
     """Return the places of texts, such as ``forward``, along an axis; none for numbers."""
     values = pd.concat([tuning.rows[parameter].astype(str) for tuning in tunings])
     if pd.to_numeric(values, errors="coerce").isna().all():
@@ -490,16 +481,16 @@ def _draw_heat(
         x, y = np.arange(share.shape[1]), np.arange(share.shape[0])
         image = axes.imshow(share, origin="lower", aspect="auto", cmap=style.SHADES, norm=norm)
     names = [_number(value) for value in cells.columns]
-    letters = _SMALL_LETTERS if small else _LETTERS if len(x) > _NARROW else _COLUMN_LETTERS
+    letters = 26 if small else 96 if len(x) > _NARROW else 42  # in a line along the map
     fitting = letters // (1 + max(map(len, names)))  # names that fit beside each other
-    every = -(-len(x) // max(1, min(fitting, 6 if small else _MOST_TICKS)))
+    every = -(-len(x) // max(1, min(fitting, 6 if small else 24)))
     axes.set_xticks(x[::every], names[::every])
-    every = -(-len(y) // (_SMALL_ROWS if small else _ROWS))
+    every = -(-len(y) // (12 if small else 20))
     axes.set_yticks(y[::every], [_number(value) for value in cells.index[::every]])
     if small:
         _name_small(axes, curve, largest)
         return image
-    if share.size <= 100 and share.shape[1] <= _WIDE:
+    if share.size <= 100 and share.shape[1] <= 16:  # else numbers do not fit
         least = norm.vmin or 0.0
         for (row, column), value in np.ndenumerate(share):
             if np.isfinite(value):

@@ -10,7 +10,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.patches import Rectangle
 
 from oppload_cli.errors import ParameterError, ResultError, SourceError
-from oppload_cli.plots.places import plot_places, still_of
+from oppload_cli.plots.place_map import plot_places, still_of
 from oppload_cli.results.reading import find_video, read_result
 from tests.media import write_video
 from tests.results.make import frame_rows, write_result, write_rows

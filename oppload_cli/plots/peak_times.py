@@ -103,15 +103,11 @@ def _threshold(slope: float) -> float:
 
 def _student_t(freedom: int) -> float:
     """Return the quantile 0.975 of Student's t distribution for some degrees of freedom."""
-    if freedom <= len(_STUDENT):
-        return _STUDENT[freedom - 1]
-    z = _NORMAL  # the expansion of Abramowitz and Stegun, 26.7.5
+    first = 12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228
+    if freedom <= len(first):
+        return first[freedom - 1]
+    z = 1.959964  # of a normal distribution; the expansion of Abramowitz and Stegun, 26.7.5
     return z + (z**3 + z) / (4 * freedom) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * freedom**2)
-
-
-_STUDENT = 12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228
-_NORMAL = 1.959964
-_FIT_WIDTH = 60  # characters of a fit, of which many are narrow, in a line above a column
 
 
 def contact_lines(request: Request) -> list[str]:
@@ -133,7 +129,7 @@ def _has_contact(curve: TuningCurve) -> bool:
 def fit_of(curve: TuningCurve) -> PeakTimes | None:
     """Return the line through the peaks of a curve; None if fewer than three l/v have a peak."""
     x, before, _ = _peaks(curve)
-    return _line(curve.tuning, x, before)
+    return _fit(curve.tuning, x, before)
 
 
 def _peaks(curve: TuningCurve) -> tuple[Series, Series, Series | None]:
@@ -142,7 +138,7 @@ def _peaks(curve: TuningCurve) -> tuple[Series, Series, Series | None]:
     The sizes are None if the table has no column of them.
     """
     tuning, rows = curve.tuning, curve.rows
-    names = [_l_over_v(tuning), "peak_before_contact_s"]
+    names = [_column_of_l_over_v(tuning), "peak_before_contact_s"]
     if names[1] not in tuning.rows:
         raise ResultError(f"{tuning.path}: has no column '{names[1]}'; run oppload tune again")
     names += ["size_at_peak_deg"] * ("size_at_peak_deg" in tuning.rows)
@@ -153,7 +149,7 @@ def _peaks(curve: TuningCurve) -> tuple[Series, Series, Series | None]:
     return x, before, sizes[0] if sizes else None
 
 
-def _l_over_v(tuning: Tuning) -> str:
+def _column_of_l_over_v(tuning: Tuning) -> str:
     """Return the name of the column of l/v; raise ResultError if l/v is not what is swept."""
     advice = "l/v; for kind 'contact' run 'oppload tune --figure peak-time'"
     return column_of(tuning, "l_over_v_ms", advice)
@@ -176,19 +172,21 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     with style.styled_figure(style.COLUMN if few else style.PAGE, height) as figure:
         heights = (1.6, 1)[: 1 + sized]
         axes = style.panel_grid(figure, 1 + sized, 1, sharex=True, height_ratios=heights)
-        top = None if few else _top(x for x, _, _ in peaks)
+        top = None if few else _axis_end(x for x, _, _ in peaks)
         bands: list[tuple[PeakTimes, float, str]] = []
         more = 0  # lines of the legend, of long names and of doubts
         if not any(len(x) for x, _, _ in peaks):  # else the axis would end near 0
-            longest = max(curve.rows[_l_over_v(curve.tuning)].max() for curve in curves)
+            longest = max(curve.rows[_column_of_l_over_v(curve.tuning)].max() for curve in curves)
             axes[0].set_xlim(0, 1.05 * longest)
         for curve, (x, before, sizes) in zip(curves, peaks, strict=True):
-            fit = _line(curve.tuning, x, before)
+            fit = _fit(curve.tuning, x, before)
             above = top is not None and len(x) > 0 and bool(1000 * before.min() > top)
             label = _label(curve, fit, few=few, above=above)
             more += max(0, label.count("\n") - few)
             if fit:
-                _draw_line(axes[0], fit, x.max(), curve.look)
+                ends = np.array([0, x.max()])
+                line_ms = fit.slope * ends - 1000 * fit.delay_s
+                axes[0].plot(ends, line_ms, lw=0.8, **curve.look | {"marker": ""})
                 bands.append((fit, x.max(), curve.look["color"]))
             look: dict[str, Any] = curve.look | {"markersize": 3}
             points = look | {"linestyle": ""}
@@ -221,7 +219,7 @@ def _label(curve: TuningCurve, fit: PeakTimes | None, *, few: bool, above: bool)
     if not (curve.peaks > 0).any():
         label += ", no response"
     elif fit and few:
-        before_delay = ", " if len(fit.text) <= _FIT_WIDTH else ",\n"
+        before_delay = ", " if len(fit.text) <= 60 else ",\n"  # many characters are narrow
         label += f"\n{fit.text.replace(', delay', f'{before_delay}delay')}"
     elif fit:
         angle = "no threshold" if fit.falls else f"{fit.angle_deg:.0f} deg"
@@ -233,7 +231,7 @@ def _label(curve: TuningCurve, fit: PeakTimes | None, *, few: bool, above: bool)
     return label
 
 
-def _top(l_over_v_ms: Iterable[Series]) -> float:
+def _axis_end(l_over_v_ms: Iterable[Series]) -> float:
     """Return the upper end of the axis for many detectors, in ms before contact.
 
     At this time, the object with the largest l/v spans 10 degrees.
@@ -242,7 +240,7 @@ def _top(l_over_v_ms: Iterable[Series]) -> float:
     return longest / math.tan(math.radians(5))
 
 
-def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | None:
+def _fit(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | None:
     if len(np.unique(l_over_v_ms)) < 3:
         return None
     try:
@@ -250,12 +248,6 @@ def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | 
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         step = 0.0
     return PeakTimes.through(l_over_v_ms / 1000, before_s, step)
-
-
-def _draw_line(axes: Axes, fit: PeakTimes, longest: float, look: dict[str, Any]) -> None:
-    """Draw the line through the peaks of one detector."""
-    x = np.array([0, longest])
-    axes.plot(x, fit.slope * x - 1000 * fit.delay_s, lw=0.8, **look | {"marker": ""})
 
 
 def _draw_bands(axes: Axes, bands: Iterable[tuple[PeakTimes, float, str]]) -> None:
@@ -315,19 +307,21 @@ def _draw_published(axes: Sequence[Axes], longest: float) -> None:
             low = peaks[neuron, "lower limit"]
             lower = low.slope * x - low.delay_ms
             shade: dict[str, Any] = {"color": style.FAINT, "alpha": 0.25, "lw": 0}
-            axes[0].fill_between(x, line, lower, **shade, zorder=0, label=_label_of(threshold, low))
+            axes[0].fill_between(
+                x, line, lower, **shade, zorder=0, label=_published_label(threshold, low)
+            )
             if len(axes) > 1:
                 axes[1].axhspan(low.angle_deg, threshold.angle_deg, **shade, zorder=0)
         elif kind != "lower limit":
             look: dict[str, Any] = {"color": style.INK, "lw": 0.8, "zorder": 1}
             look["linestyle"] = style.DASHES[1 + (kind != "example")]
-            axes[0].plot(x, line, **look, label=_label_of(threshold))
+            axes[0].plot(x, line, **look, label=_published_label(threshold))
             if len(axes) > 1:
                 axes[1].axhline(threshold.angle_deg, **look)
     axes[0].set_xlim(right=longest)
 
 
-def _label_of(peak: AngularThreshold, low: AngularThreshold | None = None) -> str:
+def _published_label(peak: AngularThreshold, low: AngularThreshold | None = None) -> str:
     """Return the label of a published threshold, or of the range from `low` to `peak`."""
     study = peak.source.rsplit(", ", 1)[0]
     kind = "range over animals" if low else peak.kind

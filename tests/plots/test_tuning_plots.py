@@ -14,13 +14,13 @@ from scipy.special import stdtrit
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
-from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.curves import plot_curves
+from oppload_cli.plots.peak_times import PeakTimes
 from oppload_cli.plots.polar import DirectionTuning, direction_tunings
-from oppload_cli.plots.rmo import plot_rmo
+from oppload_cli.plots.rmo_curves import plot_rmo
 from oppload_cli.plots.style import CYCLE, FAINT, GREY, MARKERS, MOST_HEIGHT, looks_of
-from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.plots.tuning_curves import Request, described
+from oppload_cli.plots.tuning_plots import plot_tuning
 from oppload_cli.reference import bar_tuning, lplc2_peaks
 from oppload_cli.results.tuning import is_tuning, read_tuning
 from oppload_cli.stimulus.catalogue import find
