@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from oppload_cli.detection.contact import PlaceParams
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
+    from oppload_cli.frames.ticks import ticks
     from oppload_cli.models.bank import DetectorBank
     from oppload_cli.models.detector import AlarmRule, Box, Column, Detector, Response, UnitMaps
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
@@ -71,7 +72,8 @@ __all__ = [
     "PlaceParams", "Position", "Response", "Result", "RmoMetrics", "RmoParams", "Span", "Tuning",
     "UnitMaps", "Video", "__version__", "alarm_params", "analyse", "detectors", "forget",
     "open_source", "open_video", "parameter", "parameters_of", "plot_curves", "plot_places",
-    "plot_rmo", "plot_tuning", "read_result", "read_tuning", "register", "run", "stimulus", "tune",
+    "plot_rmo", "plot_tuning", "read_result", "read_tuning", "register", "run", "stimulus", "ticks",
+    "tune",
 ]  # fmt: skip
 
 _MODULES = {
@@ -80,6 +82,7 @@ _MODULES = {
     "detection.contact": ("PlaceParams",),
     "detection.places": ("Detection",),
     "errors": ("OpploadError",),
+    "frames.ticks": ("ticks",),
     "models.bank": ("DetectorBank",),
     "models.detector": ("AlarmRule", "Box", "Column", "Detector", "Response", "UnitMaps"),
     "models.dlgmd": ("Dlgmd", "DlgmdParams", "DlgmdResponse"),

@@ -31,7 +31,7 @@ from oppload_cli.video.span import Position, Span, parse_position
 @click.option(
     "--files-from",
     metavar="LIST|-",
-    help="Read inputs from a list, a name per line, or from a failures.csv.",
+    help="Read inputs from a list, a name per line.",
 )
 @click.option("-0", "--null", is_flag=True, help="The names of the list end in NUL.")
 @options.jobs("inputs")

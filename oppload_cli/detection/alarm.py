@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.frames.ticks import ticks
 from oppload_cli.models.registry import detector_named, known_names
-from oppload_cli.models.timebase import REFERENCE_INTERVAL, ROUNDING_S, Background
+from oppload_cli.models.timebase import REFERENCE_INTERVAL, Background
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -26,11 +27,10 @@ if TYPE_CHECKING:
 
 
 _LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps between frames
-_FIRST_STEP_S = 0.1  # the usual step before any step is known
-_INTERVAL_S = float(Fraction(REFERENCE_INTERVAL))
-_SAME_S = 1e-6  # sums and differences of times are equal if they differ by less
-_GAP = 2.0  # a step longer than 2 usual steps is a gap: frames are missing
-_MEMORY_S = 0.18  # whether a frame is a cut depends on the luminance changes of this latest time
+_FIRST_STEP = ticks(0.1)  # the usual step before any step is known
+_INTERVAL = ticks(Fraction(REFERENCE_INTERVAL))
+_GAP = 2.5  # a step longer than 2.5 usual steps is a gap: two frames or more are missing
+_MEMORY = ticks(0.18)  # a cut depends on the luminance changes of this latest time
 # At least this number of latest changes is kept, whatever their age. Noise does not grow with the
 # time between frames, so that the change per interval is small after lost frames. If only this
 # small change were kept, the next, ordinary change would look like a cut.
@@ -109,7 +109,7 @@ class AlarmParams(Parameters):
         5e-4, "a scene is at rest while its luminance change is at most this", low=0, high=1
     )
     blind_s: float = _seconds(
-        0.345,
+        0.35,
         "time in which frames do not count; it begins with the first frame of a video, or with the "
         "frame before a cut or the end of a rest, but at most 1/30 s earlier",
     )
@@ -195,18 +195,18 @@ class _Steps:
     """Finds gaps, at which frames are missing, from the times of the frames."""
 
     def __init__(self) -> None:
-        self.before_s = -math.inf  # time of the frame before
-        self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
+        self.before: int | None = None  # time of the frame before
+        self._latest: deque[int] = deque(maxlen=_LATEST_STEPS)
 
-    def gap_s(self, time_s: float) -> float:
+    def gap(self, time: int) -> int:
         """Return the time since the frame before if frames are missing in between, else 0."""
-        before_s, self.before_s = self.before_s, time_s
-        if before_s == -math.inf:
-            return 0.0
-        step_s = time_s - before_s
-        usual_s = median(self._latest) if self._latest else _FIRST_STEP_S
-        self._latest.append(step_s)
-        return step_s if step_s > _GAP * usual_s + ROUNDING_S else 0.0
+        before, self.before = self.before, time
+        if before is None:
+            return 0
+        step = time - before
+        usual = median(self._latest) if self._latest else _FIRST_STEP
+        self._latest.append(step)
+        return step if step > _GAP * usual else 0
 
 
 class Alarm:
@@ -255,12 +255,12 @@ class Alarm:
         self.params = params or AlarmParams()
         self._rule = self.params.rule_of(name)
         self._floor = math.inf if self._rule.floor is None else self._rule.floor
-        self._background = Background(self.params.background_s, self.params.guard_s)
+        self._background = Background(ticks(self.params.background_s), ticks(self.params.guard_s))
         # Of each recent frame with evidence above the threshold: its time, and the step to it.
-        self._above: deque[tuple[float, float]] = deque()
+        self._above: deque[tuple[int, int]] = deque()
         self._steps = _Steps()
-        self._until_s = -math.inf  # the alarm is held until this time
-        self._ready_s = -math.inf  # the next alarm may start from this time on
+        self._until: int | None = None  # the alarm is held until this time
+        self._ready: int | None = None  # the next alarm may start from this time on
         self._on = False
         self._counted = False  # whether the latest frame began or prolonged the alarm
         self.threshold = self._floor
@@ -290,35 +290,37 @@ class Alarm:
             Whether the alarm is on. In the first frame after the end of an alarm it is off, even if
             this frame has enough evidence: the next alarm starts in a later frame.
         """
-        before_s = self._steps.before_s
-        is_gap = self._steps.gap_s(time_s) > 0
-        held = time_s <= self._until_s + ROUNDING_S
+        time, before = ticks(time_s), self._steps.before
+        is_gap = self._steps.gap(time) > 0
+        held = self._until is not None and time <= self._until
         ended = self._on and not held and (is_gap or not self._counted)
-        background = self._background.step(response, time_s)
+        background = self._background.step(response, time)
         self.threshold = max(self._floor, self._rule.factor * background)
         share = self.params.release if self._on and not ended else 1.0
         self.evidence = 0.0 if blind else response
         above = self.evidence > share * self.threshold
-        enough = self._long_enough(above, time_s, before_s)
-        self._counted = enough and not ended and time_s >= self._ready_s - ROUNDING_S
+        enough = self._long_enough(above, time, before)
+        ready = self._ready is None or time >= self._ready
+        self._counted = enough and not ended and ready
         if self._counted:
-            self._until_s = time_s + self.params.hold_s
+            self._until = time + ticks(self.params.hold_s)
         was_on, self._on = self._on, self._counted or held
         if was_on and not self._on:
-            self._ready_s = (self._until_s if is_gap else time_s) + self.params.refractory_s
+            end = self._until if is_gap and self._until is not None else time
+            self._ready = end + ticks(self.params.refractory_s)
         return self._on
 
-    def _long_enough(self, above: bool, time_s: float, before_s: float) -> bool:
-        oldest = time_s - self._rule.window_s
-        if self._rule.enough_s:  # keep the frame before, also if frames come rarely
-            oldest = min(oldest - _SAME_S, before_s)
+    def _long_enough(self, above: bool, time: int, before: int | None) -> bool:
+        oldest = time - ticks(self._rule.window_s)
+        if self._rule.enough_s and before is not None:  # keep it, also if frames come rarely
+            oldest = min(oldest, before)
         while self._above and self._above[0][0] < oldest:
             self._above.popleft()
         if above:
-            self._above.append((time_s, time_s - before_s))
+            self._above.append((time, 0 if before is None else time - before))
         # Evidence lasts from its first frame to its latest one: the step to the first is left out.
-        lasted_s = math.fsum(lasted for _, lasted in islice(self._above, 1, None))
-        return bool(self._above) and lasted_s >= self._rule.enough_s - _SAME_S
+        lasted = sum(step for _, step in islice(self._above, 1, None))
+        return bool(self._above) and lasted >= ticks(self._rule.enough_s)
 
 
 class Cuts:
@@ -340,9 +342,9 @@ class Cuts:
 
     def __init__(self, params: AlarmParams) -> None:
         self._params = params
-        self._changes: deque[tuple[float, float]] = deque()
+        self._changes: deque[tuple[int, float]] = deque()
         self._steps = _Steps()
-        self._cut_s, self._cause = -math.inf, ""
+        self._cut, self._cause = 0, ""  # the time in ticks of the latest cause, and the cause
 
     def step(
         self,
@@ -373,22 +375,22 @@ class Cuts:
             ``cut`` (or a flash, or a luminance step), ``rest`` (which ended), or ``gap``. Empty for
             a frame that counts.
         """
-        before_s = self._steps.before_s
-        least_s = max(self._params.hold_s, self._params.blind_s)
-        is_gap = self._steps.gap_s(time_s) > least_s + ROUNDING_S
+        time, before, params = ticks(time_s), self._steps.before, self._params
+        is_gap = self._steps.gap(time) > ticks(max(params.hold_s, params.blind_s))
         if change is None:  # a detector may respond to the first frame too
-            return "start" if self._params.cut_ratio and self._params.blind_s else ""
-        oldest_s = time_s - _MEMORY_S - ROUNDING_S
-        while len(self._changes) > _LEAST_KEPT and self._changes[0][0] < oldest_s:
+            return "start" if params.cut_ratio and params.blind_s else ""
+        oldest = time - _MEMORY
+        while len(self._changes) > _LEAST_KEPT and self._changes[0][0] < oldest:
             self._changes.popleft()
         if cause := "gap" if is_gap else self._cause_in(photoreceptors, change):
             # The cut lies after the frame before, at every frame rate. But a video starts with its
             # first frame.
             from_first = cause == "start" and not stood_still
-            self._cut_s = before_s if from_first else max(before_s, time_s - _INTERVAL_S)
+            before = time if before is None else before
+            self._cut = before if from_first else max(before, time - _INTERVAL)
             self._cause = cause
-        self._changes.append((time_s, change))
-        return self._cause if time_s - self._cut_s < self._params.blind_s else ""
+        self._changes.append((time, change))
+        return self._cause if time - self._cut < ticks(params.blind_s) else ""
 
     def _cause_in(self, photoreceptors: Map, change: float) -> str:
         before = max((earlier for _, earlier in self._changes), default=0.0)

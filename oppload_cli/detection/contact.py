@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from oppload_cli.models.timebase import ROUNDING_S
+from oppload_cli.frames.ticks import ticks
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -126,8 +126,8 @@ class Contact:
         scatter of the single times: neighbouring growths err alike, so that their mean is hardly
         better.
         """
-        oldest = time_s - self._params.memory_s - ROUNDING_S
-        while self._samples and self._samples[0][0] < oldest:
+        oldest = ticks(time_s) - ticks(self._params.memory_s)
+        while self._samples and ticks(self._samples[0][0]) < oldest:
             self._samples.popleft()
         if len(self._samples) < self._params.least_frames:
             return None

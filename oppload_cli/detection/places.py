@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,8 +9,8 @@ import cv2
 import numpy as np
 
 from oppload_cli.detection.contact import Contact
+from oppload_cli.frames.ticks import ticks
 from oppload_cli.models.detector import Box
-from oppload_cli.models.timebase import ROUNDING_S
 from oppload_cli.motion.growth import box_about, motion_about
 
 if TYPE_CHECKING:
@@ -158,8 +157,8 @@ class Track:
         receptive field of the unit.
     response : float
         Response in the latest frame that showed the object.
-    seen_s : float
-        Time of that frame in seconds.
+    seen : int
+        Time of that frame in ticks.
     time_to_contact_s, time_to_contact_error_s : float or None
         Estimate in that frame, and its error.
     """
@@ -169,7 +168,7 @@ class Track:
     y: float
     box: Box
     response: float
-    seen_s: float
+    seen: int
     contact: Contact = field(repr=False)
     time_to_contact_s: float | None = None
     time_to_contact_error_s: float | None = None
@@ -200,7 +199,7 @@ class Places:
         self._params = params
         self._tracks: list[Track] = []
         self._count = 0
-        self._before_s = math.inf  # time of the frame before
+        self._before: int | None = None  # time of the frame before in ticks
 
     def step(self, maps: UnitMaps, flow: Flow | None, time_s: float) -> list[Track]:
         """Find the objects of the latest frame.
@@ -222,15 +221,17 @@ class Places:
         """
         self._maps, self._flow = maps, flow
         peaks = _peaks(maps, self._params)
-        oldest = min(time_s - self._params.gap_s - ROUNDING_S, self._before_s)
-        self._tracks = [track for track in self._tracks if track.seen_s >= oldest]
+        oldest = ticks(time_s) - ticks(self._params.gap_s)
+        if self._before is not None:  # an object of the frame before stays, however long ago it was
+            oldest = min(oldest, self._before)
+        self._tracks = [track for track in self._tracks if track.seen >= oldest]
         shown: list[Track] = []
         for peak in peaks:
             track = self._owner(peak) or self._new_track(peak)
             if track not in shown:
                 self._follow(track, peak, time_s)
                 shown.append(track)
-        self._before_s = time_s
+        self._before = ticks(time_s)
         return shown
 
     def _owner(self, peak: _Peak) -> Track | None:
@@ -243,14 +244,14 @@ class Places:
     def _new_track(self, peak: _Peak) -> Track:
         self._count += 1
         field = self._maps.box(peak.row, peak.column)
-        track = Track(self._count, *field.centre, field, 0.0, -math.inf, Contact(self._params))
+        track = Track(self._count, *field.centre, field, 0.0, 0, Contact(self._params))
         self._tracks.append(track)
         return track
 
     def _follow(self, track: Track, peak: _Peak, time_s: float) -> None:
         """Take an object's place in the latest frame; measure its box and its time to contact."""
         track.x, track.y = _focus(self._maps, peak.row, peak.column)
-        track.response, track.seen_s = peak.response, time_s
+        track.response, track.seen = peak.response, ticks(time_s)
         flow = self._flow
         if flow is not None and (motion := motion_about(flow, track.x, track.y)):
             track.contact.add(time_s, flow.passed_s, motion)

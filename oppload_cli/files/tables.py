@@ -22,10 +22,16 @@ Cell = str | Value
 _MOST_ROWS = 10_000  # that are kept in memory before they are written to a Parquet file
 
 
+class Seconds(float):
+    """A time of a frame in seconds: a table has nine decimals of it, so that no two are equal."""
+
+
 def formatted(value: Cell) -> str:
     """Return the text of a cell: ``%.9g`` of a float, ``1`` for True, and no text for None."""
     if isinstance(value, str):
         return value
+    if isinstance(value, Seconds):
+        return f"{value:.9f}".rstrip("0").rstrip(".")
     return "" if value is None else f"{value:.9g}" if isinstance(value, float) else str(int(value))
 
 

@@ -23,9 +23,6 @@ REFERENCE_INTERVAL = "1/30"  # seconds
 _REFERENCE_S = Fraction(REFERENCE_INTERVAL)
 _SHORTEST_S, _LONGEST_S = Fraction("0.0001"), Fraction(10)  # exact, as the values are
 ROUNDING = 0.03  # share of an interval: times in files are rounded, often to milliseconds
-# Spans of time such as 0.4 s are often a whole number of frames. So that the rounding of the times
-# does not decide, a frame counts as within the span if it is beyond its end by at most this.
-ROUNDING_S = 1.7e-3
 _MOST_VALUES = 1 << 14  # largest number of values of a background, if the times do not grow
 
 
@@ -125,32 +122,28 @@ def nearly_one(ratio: float) -> float:
 class Background:
     """The median of the recent responses, at most 16384 of them.
 
-    `reach`, above 0, is the length of the background in the unit of the times. `guard`, at least 0,
-    is the length of the latest span of time that is not yet background: an event must not raise
-    the background with which it is compared. The guard is longer by a quarter of the latest step,
-    because it is often a whole number of steps: then rounded times would decide.
+    `reach`, above 0, is the length of the background in ticks. `guard`, at least 0, is the length
+    of the latest span of time that is not yet background: an event must not raise the background
+    with which it is compared.
     """
 
-    def __init__(self, reach: float, guard: float) -> None:
+    def __init__(self, reach: int, guard: int) -> None:
         self._reach = reach
         self._guard = guard
-        self._waiting: deque[tuple[float, float]] = deque()
-        self._counted: deque[tuple[float, float]] = deque()
+        self._waiting: deque[tuple[int, float]] = deque()
+        self._counted: deque[tuple[int, float]] = deque()
         self._sorted: list[float] = []
 
-    def step(self, value: float, time: float) -> float:
+    def step(self, value: float, time: int) -> float:
         """Take the next value; return the median of the background, 0 if it is still empty.
 
         The value must be finite, and its time not earlier than that of the previous value.
         """
-        guard = self._guard
-        if self._waiting:
-            guard += (time - self._waiting[-1][0]) / 4
-        while self._waiting and self._waiting[0][0] < time - guard:
+        while self._waiting and self._waiting[0][0] < time - self._guard:
             counted = self._waiting.popleft()
             self._counted.append(counted)
             insort(self._sorted, counted[1])
-        oldest = time - guard - self._reach
+        oldest = time - self._guard - self._reach
         while self._counted and (self._counted[0][0] < oldest or len(self._counted) > _MOST_VALUES):
             del self._sorted[bisect_left(self._sorted, self._counted.popleft()[1])]
         if len(self._waiting) < _MOST_VALUES:

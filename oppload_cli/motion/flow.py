@@ -9,11 +9,10 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import FrameError
+from oppload_cli.frames.ticks import seconds_of, ticks
 from oppload_cli.motion.rmo import RmoMetrics, RmoParams, length, rmo_metrics
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     Grey = NDArray[np.uint8]
@@ -26,10 +25,6 @@ if TYPE_CHECKING:
 _SAMPLES = 60
 # Least side of a frame in px for which flow is computed: the patches of the search have 8 px.
 SHORTEST_SIDE = 16
-# Frames that are more than 6.7 intervals apart differ too much for pictures in between.
-_MOST_INTERVALS = 6
-# A step of n - 0.3 to n + 0.7 intervals becomes n steps of 0.85 to 1.35 intervals.
-_ROUNDED_UP = 0.3
 
 
 class Flow(NamedTuple):
@@ -93,7 +88,7 @@ class DenseFlow:
     """
 
     def __init__(self, interval_s: float = 1 / 30) -> None:
-        self._interval_s = interval_s
+        self._interval = ticks(interval_s)
         # Any: OpenCV's types demand an initial flow, which would be tried again at every scale.
         self._search: Any = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
         # The frames are reduced already. In low frames another value makes OpenCV read beyond them.
@@ -103,7 +98,7 @@ class DenseFlow:
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._shape: tuple[int, ...] | None = None
-        self._earlier: deque[tuple[float, Grey]] = deque()
+        self._earlier: deque[tuple[int, Grey]] = deque()  # time in ticks, picture
 
     def step(self, luma: Luma | Grey, time_s: float) -> Flow | None:
         """Take the next frame and return its flow; None for the first frame.
@@ -125,13 +120,14 @@ class DenseFlow:
         side = max(1, min(round(min(luma.shape) / _SAMPLES), min(luma.shape) // SHORTEST_SIDE))
         now = _reduced(luma, side)
         earlier = self._earlier
-        while len(earlier) > 1 and self._is_nearer(time_s - earlier[1][0], time_s - earlier[0][0]):
+        time = ticks(time_s)
+        while len(earlier) > 1 and self._is_nearer(time - earlier[1][0], time - earlier[0][0]):
             earlier.popleft()
         before = earlier[0] if earlier else None
-        earlier.append((time_s, now))
+        earlier.append((time, now))
         if before is None:
             return None
-        passed_s = max(time_s - before[0], 1e-6)
+        passed_s = seconds_of(max(time - before[0], 1))
         change = cv2.absdiff(before[1], now).astype(np.float32) / np.float32(255)
         if min(now.shape) < SHORTEST_SIDE:
             return Flow(np.zeros((0, 0, 2), np.float32), change, side, passed_s)
@@ -141,10 +137,10 @@ class DenseFlow:
     def stand_still(self, time_s: float) -> None:
         """Take a frame that shows the latest picture again: motion begins after it."""
         if self._earlier:
-            self._earlier[-1] = time_s, self._earlier[-1][1]
+            self._earlier[-1] = ticks(time_s), self._earlier[-1][1]
 
-    def _is_nearer(self, age_s: float, other_s: float) -> bool:
-        return abs(age_s - self._interval_s) <= abs(other_s - self._interval_s)
+    def _is_nearer(self, age: int, other: int) -> bool:
+        return abs(age - self._interval) <= abs(other - self._interval)
 
 
 def motion_vectors(flow: Flow, params: RmoParams) -> MotionVectors:
@@ -194,46 +190,3 @@ def _check(luma: Luma | Grey, shape: tuple[int, ...] | None) -> None:
         raise FrameError(
             f"the frame is of shape {luma.shape} after one of {shape}; call reset() between videos"
         )
-
-
-# ---- Pictures between frames ---------------------------------------------------------------
-
-
-class Interpolation:
-    """Adds pictures between frames, so that edges move as little between them as at 30 frames/s.
-
-    At low frame rates, and where frames are missing, a fast edge moves so far in one step that S
-    does not show its direction. The flow tells where each pixel of the earlier frame is between two
-    frames, and the earlier frame is shifted to that place.
-
-    Source: ``docs/time.md``.
-    """
-
-    def __init__(self) -> None:
-        self._before: Luma | None = None
-
-    def step(self, luma: Luma, intervals: float, flow: Flow | None) -> Iterator[tuple[float, Luma]]:
-        """Take the next frame; yield the pictures between it and the frame before.
-
-        `luma` is float32, 0 to 1, and is kept, not copied. `intervals` is the time since the frame
-        before, and `flow` the motion since then. Each picture comes with its place in this time,
-        between 0 and 1.
-        """
-        before, self._before = self._before, luma
-        count = int(intervals + _ROUNDED_UP) if intervals < _MOST_INTERVALS + 1 - _ROUNDED_UP else 1
-        if before is None or count < 2 or flow is None or not flow.vectors.size:
-            return
-        y, x = np.mgrid[: luma.shape[0], : luma.shape[1]].astype(np.float32)
-        # The samples do not reach the last rows and columns where these do not fill a square.
-        column, row = ((positions + 0.5) / np.float32(flow.side) - 0.5 for positions in (x, y))
-        vectors = cv2.remap(
-            flow.vectors, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-        dx, dy = cv2.split(vectors)
-        for share in (number / count for number in range(1, count)):
-            passed = np.float32(share)
-            picture = cv2.remap(
-                before, x - passed * dx, y - passed * dy,
-                cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE,
-            )  # fmt: skip
-            yield share, np.asarray(picture, np.float32)

@@ -14,6 +14,8 @@ import numpy as np
 from oppload_cli.detection.alarm import AlarmParams, alarm_params_with
 from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.errors import FrameError, ParameterError, counted
+from oppload_cli.frames.repeats import RepeatParams, Repeats
+from oppload_cli.frames.ticks import ticks
 from oppload_cli.models.detector import checked_shape
 from oppload_cli.models.registry import (
     default_names,
@@ -24,8 +26,7 @@ from oppload_cli.models.registry import (
 )
 from oppload_cli.models.timebase import TimeParams
 from oppload_cli.motion.rmo import RmoParams
-from oppload_cli.pipeline.one_pass import DetectorPass, PassParams, Preparation
-from oppload_cli.pipeline.repeats import RepeatParams, Repeats
+from oppload_cli.pipeline.one_pass import DetectorPass, PassParams
 from oppload_cli.pipeline.sources import ArrayLuminance, open_source
 from oppload_cli.processes.threads import Prefetch
 from oppload_cli.schema import Parameters
@@ -137,9 +138,9 @@ class Analysis:
         self._description = f"{sizes_in_words(facts, working)}, {', '.join(names)}"
         self._luminance = ArrayLuminance(working)
         self._others = {size.shape: ArrayLuminance(size) for size in others}
-        self._preparation = Preparation(chosen, facts.frame_rate)
+        self._preparation = chosen.preparation(facts.frame_rate)
         self._detectors = DetectorPass(working, others, facts, chosen, optics)
-        self._count, self._first_s = 0, 0.0  # number of frames so far, and the time of the first
+        self._count, self._first = 0, 0  # number of frames so far, and the time of the first
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
@@ -211,12 +212,12 @@ class Analysis:
                 f"frame {count}: its time must be a finite number of seconds, not {time_s!r}"
             )
         if not count:
-            self._first_s = float(time_s)
+            self._first = ticks(float(time_s))
         name = f"frame {count}"
         luma = self._luminance(values, name)
         others = {shape: convert(values, name) for shape, convert in self._others.items()}
         self._count += 1
-        taken = Frame(count, float(time_s) - self._first_s, luma, others=others)
+        taken = Frame(count, ticks(float(time_s)) - self._first, luma, others=others)
         return self._detectors.step(self._preparation.step(taken))
 
     @property
@@ -360,7 +361,7 @@ def side_by_side(
         For each frame, the record of each pass.
     """
     facts, working = video.facts, video.working
-    preparations = [Preparation(params, facts.frame_rate) for params in passes]
+    preparations = [params.preparation(facts.frame_rate, facts.tick_s) for params in passes]
     others: Sequence[WorkingSize] = getattr(video, "others", ())
     detectors = [DetectorPass(working, others, facts, params, optics) for params in passes]
     # A second thread prepares frames, because optical flow takes as long as the detectors.
@@ -392,7 +393,7 @@ def pass_params(
     time_example = "oppload_cli.models.timebase.TimeParams(interval='frame')"
     _check_kind("time", time, TimeParams, time_example)
     _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
-    repeats_example = "oppload_cli.pipeline.repeats.RepeatParams(handling='exact')"
+    repeats_example = "oppload_cli.frames.repeats.RepeatParams(handling='exact')"
     _check_kind("repeats", repeats, RepeatParams | Repeats, repeats_example)
     for model in models or ():
         kinds = "names of detectors, or sets as parameters_of gives them"

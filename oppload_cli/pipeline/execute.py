@@ -29,15 +29,15 @@ from oppload_cli.errors import (
 )
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
+from oppload_cli.frames.repeats import Repeats
 from oppload_cli.models.registry import detector_named, loaded
 from oppload_cli.models.timebase import FRAME, REFERENCE_INTERVAL
 from oppload_cli.pipeline.analysis import pass_params, side_by_side
-from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL_COLUMNS
 from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, exists_already
 from oppload_cli.processes import cores
 from oppload_cli.processes.signals import stop_if_asked, takes_a_line
-from oppload_cli.results.alarms import AlarmLog
+from oppload_cli.results.alarm_log import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.results.truths import facts_of_truth, read_truth
 from oppload_cli.video.inputs import rate_beside, truth_beside

@@ -14,6 +14,7 @@ from oppload_cli.detection.alarm import AlarmParams, alarm_params_with
 from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.errors import ParameterError, faults_at, suggestion
 from oppload_cli.files.reading import reading, text_of
+from oppload_cli.frames.repeats import RepeatParams
 from oppload_cli.models import EXAMPLE_SETTING
 from oppload_cli.models.registry import (
     default_names,
@@ -27,7 +28,6 @@ from oppload_cli.models.registry import (
 )
 from oppload_cli.models.timebase import TimeParams
 from oppload_cli.motion.rmo import RmoParams
-from oppload_cli.pipeline.repeats import RepeatParams
 from oppload_cli.video.frames import AUTO, parse_height, pixels_of
 from oppload_cli.video.optics import FOV, parse_fov
 

@@ -14,11 +14,11 @@ import numpy as np
 from oppload_cli import stimulus
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.files.reading import is_there
+from oppload_cli.frames.ticks import FrameTimes, ticks
 from oppload_cli.video.frames import (
     AUTO,
     DecodeFacts,
     Frame,
-    FrameTimes,
     InputFacts,
     Picture,
     WorkingSize,
@@ -80,7 +80,7 @@ class ArrayLuminance:
             values = np.asarray(cv2.cvtColor(np.ascontiguousarray(values), code))
         if not is_float:
             bits = 8 * values.dtype.itemsize
-            return self._of_plane(Picture(0, 0.0, np.ascontiguousarray(values), bits))
+            return self._of_plane(Picture(0, 0, np.ascontiguousarray(values), bits))
         if values.shape == self._working.shape:
             return np.asarray(values, np.float32)
         from oppload_cli.video.planes import resized  # noqa: PLC0415 - imports PyAV, rarely needed
@@ -113,7 +113,7 @@ class _VideoInMemory(ABC):
             name = f"array: frame {index}"
             luma = self._luminance(values, name)
             others = {shape: convert(values, name) for shape, convert in self._others.items()}
-            yield Frame(index, self.times.step(time_s), luma, others=others)
+            yield Frame(index, self.times.step(ticks(time_s)), luma, others=others)
 
     @abstractmethod
     def _pictures(self) -> Iterator[tuple[float, Frames]]:
@@ -203,7 +203,7 @@ class _Counted:
     def __iter__(self) -> Iterator[Frame]:
         for frame in self._source:
             self.decode.decoded += 1
-            yield replace(frame, time_s=self.times.step(frame.time_s))
+            yield replace(frame, time=self.times.step(frame.time))
 
 
 def _checked_times(times: Times, count: int) -> list[float]:

@@ -16,7 +16,7 @@ from oppload_cli.files.atomic import PartFile, output_errors, part_of
 from oppload_cli.files.reading import reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.registry import known_names, loaded, needs_loading, placing_detector
-from oppload_cli.results.alarms import in_words, verdicts_in
+from oppload_cli.results.alarm_log import in_words, verdicts_in
 from oppload_cli.results.table import (
     DETECTIONS,
     SIDECAR,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.annotation.video import AnnotatedVideo
     from oppload_cli.pipeline.settings import Settings
-    from oppload_cli.results.alarms import Verdict
+    from oppload_cli.results.alarm_log import Verdict
     from oppload_cli.results.table import FrameRecord, ModelSummary
     from oppload_cli.video.frames import FrameSource
     from oppload_cli.video.source import Video

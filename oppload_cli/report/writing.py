@@ -27,11 +27,12 @@ from av.video.reformatter import Colorspace
 from oppload_cli.errors import OpploadError, OutputError, SourceError, printable
 from oppload_cli.files.atomic import PartFile, make_folder, output_errors, write_atomic
 from oppload_cli.files.html import embedded, rendered
+from oppload_cli.frames.ticks import seconds_of
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.processes.threads import Call, Prefetch
-from oppload_cli.report.page import Content, Curve
-from oppload_cli.results.alarms import times
-from oppload_cli.results.reading import (
+from oppload_cli.report.content import Content, RelativeCurve
+from oppload_cli.results.alarm_log import times
+from oppload_cli.results.result_files import (
     find_video,
     frame_ends,
     read_result,
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
     import av
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import BaseResult, Series
+    from oppload_cli.results.result_files import BaseResult, Series
     from oppload_cli.video.frames import InputFacts
 
 
@@ -316,7 +317,7 @@ def _address(path: Path, page: Path) -> str:
     return "./" + quote(os.fsencode(relative))
 
 
-def _spark(curve: Curve, time_s: Series) -> str:
+def _spark(curve: RelativeCurve, time_s: Series) -> str:
     """Return a curve as an SVG path through the largest value of each bin of time."""
     known = np.flatnonzero(np.isfinite(curve.values))
     width = _SPARK[0]
@@ -396,7 +397,7 @@ def _copy_video(
             colour = Colour(source.facts, size)
             ahead = Prefetch(
                 (
-                    (frame.index, frame.time_s, colour.planes(frame))
+                    (frame.index, seconds_of(frame.time), colour.planes(frame))
                     for frame in span.within(source)
                 ),
                 _AHEAD,

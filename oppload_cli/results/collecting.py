@@ -16,7 +16,7 @@ from oppload_cli.files.tables import Cell, open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.cells import ANOTHER_RESULT, check_frames, kind_of_column, read_table
-from oppload_cli.results.reading import beside, check_detectors, is_collected
+from oppload_cli.results.result_files import beside, check_detectors, is_collected
 from oppload_cli.results.table import (
     SIDECAR,
     TABLE,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.atomic import PartFile, output_errors, write_atomic
 from oppload_cli.files.reading import reading, text_of
-from oppload_cli.files.tables import Cell, Value, formatted, rows_in
+from oppload_cli.files.tables import Cell, Seconds, Value, formatted, rows_in
 from oppload_cli.models.columns import COMMON, COMMON_DETAILS, PLACE, RMO, VIEW, columns_of
 from oppload_cli.models.registry import detector_named
 
@@ -114,7 +114,10 @@ class FrameRecord:
     @property
     def boxes(self) -> dict[str, Box | None]:
         """For each detector with places, the box of its strongest object in source pixels."""
-        return {name: None if each is None else each.box for name, each in self.objects.items()}
+        return {
+            name: None if detection is None else detection.box
+            for name, detection in self.objects.items()
+        }
 
     def over_threshold(self, model: str) -> float | None:
         """Return a detector's response divided by its threshold; None if it has no threshold.
@@ -143,7 +146,7 @@ class FrameRecord:
         """
         values: dict[str, Cell] = {
             "frame": self.frame,
-            "time_s": self.time_s,
+            "time_s": Seconds(self.time_s),
             "luma_change": self.luma_change,
             "blind": self.blind,
         }
@@ -158,9 +161,9 @@ class FrameRecord:
                 box = (None,) * 4 if detection is None else detection.box
                 unit = None if response is None else response.box
                 centre = (None,) * 2 if unit is None else unit.centre
-                cells.update(zip((each.name for each in PLACE), (*box, *centre), strict=True))
+                cells.update(zip((column.name for column in PLACE), (*box, *centre), strict=True))
                 view = None if detection is None else detection.view
-                cells.update((each.name, getattr(view, each.name, None)) for each in VIEW)
+                cells.update((column.name, getattr(view, column.name, None)) for column in VIEW)
                 cells["evidence_over_threshold"] = self._multiple(name, self.evidence.get(name))
                 for key in ("time_to_contact_s", "time_to_contact_error_s"):
                     cells[key] = getattr(detection, key, None)
@@ -168,7 +171,7 @@ class FrameRecord:
             for column in (*detector.columns, *detector.details):
                 cells[column.name] = getattr(response, column.name, None)
             values.update((f"{name}_{key}", value) for key, value in cells.items())
-        values.update((each.name, getattr(self.rmo, each.name, None)) for each in RMO)
+        values.update((column.name, getattr(self.rmo, column.name, None)) for column in RMO)
         return values
 
 
@@ -253,7 +256,7 @@ class DetectionsFile(PartFile):
         """Write a line for each detection of a frame to the disk; raises OutputError."""
         if record.detections:
             with output_errors(self.path):
-                values = (detection_values(record, each) for each in record.detections)
+                values = (detection_values(record, detection) for detection in record.detections)
                 self.stream.writelines(map(detection_line, values))
                 self.stream.flush()
 

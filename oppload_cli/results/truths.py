@@ -13,7 +13,7 @@ from oppload_cli.video.inputs import GROUND_TRUTH
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from oppload_cli.results.reading import BaseResult
+    from oppload_cli.results.result_files import BaseResult
 
     Truth = dict[str, Any]
 
@@ -99,13 +99,13 @@ def contacts_of(truth: Mapping[str, Any]) -> list[float]:
     stated = stated_contact(truth)
     contacts: dict[str, float] = {}
     for frame in truth["frames"]:
-        for each in frame["objects"]:
-            remaining_s = each.get("time_to_contact_s")
+        for obj in frame["objects"]:
+            remaining_s = obj.get("time_to_contact_s")
             if remaining_s is not None:
-                contacts.setdefault(each["id"], frame["time_s"] + remaining_s)
+                contacts.setdefault(obj["id"], frame["time_s"] + remaining_s)
     if stated is None:
         return list(contacts.values())
-    return [stated, *(each for each in contacts.values() if abs(each - stated) > _SAME_S)]
+    return [stated, *(time for time in contacts.values() if abs(time - stated) > _SAME_S)]
 
 
 def sizes_in(frames: Sequence[Mapping[str, Any] | None]) -> dict[str, list[float | None]]:
@@ -115,10 +115,12 @@ def sizes_in(frames: Sequence[Mapping[str, Any] | None]) -> dict[str, list[float
     """
     sizes: dict[str, list[float | None]] = {}
     for at, frame in enumerate(frames):
-        for each in frame["objects"] if frame else ():
-            of_object = sizes.setdefault(each["id"], [None] * len(frames))
-            of_object[at] = each["angular_size_deg"] if each["visible"] else None
-    return {name: each for name, each in sizes.items() if any(size is not None for size in each)}
+        for obj in frame["objects"] if frame else ():
+            of_object = sizes.setdefault(obj["id"], [None] * len(frames))
+            of_object[at] = obj["angular_size_deg"] if obj["visible"] else None
+    return {
+        name: values for name, values in sizes.items() if any(size is not None for size in values)
+    }
 
 
 def truth_fault(result: BaseResult) -> str:

@@ -13,7 +13,7 @@ from oppload_cli.files.atomic import write_atomic
 from oppload_cli.files.reading import path_of
 from oppload_cli.models.registry import known_names
 from oppload_cli.results.cells import check_filled, check_numbers, need_columns, read_table
-from oppload_cli.results.reading import header_of, sidecar_of, unknown_detector
+from oppload_cli.results.result_files import header_of, sidecar_of, unknown_detector
 from oppload_cli.results.table import write_sidecar
 
 if TYPE_CHECKING:

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
 from av.codec.context import Flags
+from av.video.frame import PictureType
 from av.video.reformatter import ColorTrc
 
 from oppload_cli.errors import SourceError, counted, reason_of, without_login
+from oppload_cli.frames.ticks import seconds_of, ticks
 from oppload_cli.processes import cores
 from oppload_cli.video.arrivals import Arrivals
 from oppload_cli.video.declared import (
@@ -30,9 +32,11 @@ from oppload_cli.video.declared import (
 )
 from oppload_cli.video.demuxer import (
     decoder_limit,
+    is_near,
     is_read_once,
     open_container,
     stored_bits,
+    usual_rate,
     video_stream,
 )
 from oppload_cli.video.frames import (
@@ -83,6 +87,9 @@ _JUMP_S = 1.0  # of the time where two transport streams were joined
 _DECODE_TIMES = {"asf", "avi", "mxf"}
 # MPEG-4 does not code a picture that equals the one before, and gives no frame for its few bytes.
 _NOT_CODED_BYTES = 19  # at most, as FFmpeg has it
+# The clock of these streams has 33 bits. FFmpeg takes a step back by some time, as where streams
+# were joined, for a clock that began anew, and adds 2^33.
+_WRAPPING, _WRAP = {"mpegts", "mpeg"}, 1 << 33
 _HELD_BACK = 4  # most frames by which video codecs change the order of frames in practice
 # Decoders that log errors for intact files too, with the beginnings of those errors that mean
 # damage. H.264 logs errors for streams of cameras, but marks the frames that it conceals. MJPEG
@@ -110,6 +117,9 @@ class ContainerSource(PictureSource):
         self._errors = 0  # number of errors that decoders have logged in this process
         self._not_coded = 0  # number of declared frames without a picture of their own
         self._same_times = True  # whether all packets so far are presented when they are decoded
+        self._reordered = False  # whether a picture has come that is shown before an earlier one
+        self._wrapped = 0  # ticks of the file that FFmpeg has added to the times by mistake
+        self._before: int | None = None  # time of the picture before in ticks of the file
         self._remote, self._read_once = is_address(name), is_read_once(name)
         self._arrived_s = 0.0  # when the latest packet came
         self._arrivals = Arrivals()
@@ -131,14 +141,14 @@ class ContainerSource(PictureSource):
             self._first_arrived_s = self._arrived_s
             self.decode.threads = self._stream.codec_context.thread_count
             self.facts = self._facts()
-            self._rate, self._slowed = self.facts.frame_rate, 1.0
+            self._rate, self._slowed = self.facts.frame_rate, Fraction(1)
             if true_rate is not None:
                 self._take_rate(true_rate)
         except BaseException:
             self.close()
             raise
-        self._last_time = self._latest_time = 0.0
-        self._longest_gap = 0.0
+        self._last_time = self._latest_time = 0  # ticks
+        self._longest_gap = 0
 
     def pictures(self) -> Iterator[Picture]:
         """Yield the decoded pictures; a damaged packet loses only its own frames."""
@@ -155,7 +165,7 @@ class ContainerSource(PictureSource):
                 size = (frame.width, frame.height)
                 self.decode.note(f"the size becomes {size[0]} x {size[1]} at frame {index}")
             full_range = is_full_range(frame, self._codec)
-            yield Picture(index, time / self._slowed, plane, bits, full_range, frame)
+            yield Picture(index, round(time / self._slowed), plane, bits, full_range, frame)
 
     def finish(self) -> None:
         """Count the declared frames that never came."""
@@ -203,11 +213,12 @@ class ContainerSource(PictureSource):
         rate = float(self._rate)
         # Up to 1.5 frame durations may lack without damage: programs round durations, only some
         # programs count the last frame's duration, and at a variable rate it is unknown.
-        lost = end - float(first * base) - self._latest_time
-        if lost <= 1.5 * max(1 / rate, self._longest_gap):
+        latest_s = seconds_of(self._latest_time)
+        lost = end - float(first * base) - latest_s
+        if lost <= 1.5 * max(1 / rate, seconds_of(self._longest_gap)):
             return 0
         # FFmpeg's rate may be far too high, for example for a Matroska file that states none.
-        measured = (self.decode.decoded - 1) / (self._latest_time or math.inf)
+        measured = (self.decode.decoded - 1) / (latest_s or math.inf)
         return max(1, round(lost * (min(rate, measured) or rate) - 1))
 
     def _prepare(self) -> None:
@@ -416,19 +427,22 @@ class ContainerSource(PictureSource):
             reason = f"no picture came for {READ_TIMEOUT_S:g} s"
         self.decode.failed(f"the stream broke off ({reason})" if self._remote else reason)
 
-    def _time(self, frame: VideoFrame, index: int) -> float:
-        """Return the presentation time minus that of the first frame, in seconds."""
+    def _time(self, frame: VideoFrame, index: int) -> int:
+        """Return the presentation time minus that of the first frame, in ticks."""
         if self._is_live:
             time_s = self._arrivals.step(self._arrived_s - self._first_arrived_s)
             self.decode.smoothed = self._arrivals.smoothed
-            return time_s
+            return ticks(time_s)
+        self._reordered |= frame.pict_type == PictureType.B
         now, first = self._clock(frame), self._clock(self._first)
         if now is not None and first is not None and self._stream.time_base:
-            base = self._stream.time_base
-            return (now - first) * base.numerator / base.denominator  # rounds only once
+            if self._container.format.name in _WRAPPING and self._before is not None:
+                self._wrapped += _WRAP * (now - self._wrapped - self._before > _WRAP // 2)
+            self._before = now - self._wrapped
+            return ticks((self._before - first) * self._stream.time_base)
         step = 1 / self._rate if self._rate else Fraction(1)
         # If only some frames have a time, each other frame comes one step after the frame before.
-        return float(index * step) if first is None else self._last_time + float(step)
+        return ticks(index * step) if first is None else self._last_time + ticks(step)
 
     @property
     def _is_live(self) -> bool:
@@ -438,7 +452,7 @@ class ContainerSource(PictureSource):
     def _clock(self, frame: VideoFrame) -> int | None:
         """Return the time of a frame in ticks of the file; None if it has no time."""
         # Some programs write decode times as the presentation times of B-frames, too.
-        only_decode_times = self._same_times and self._stream.codec_context.has_b_frames
+        only_decode_times = self._same_times and self._reordered
         if only_decode_times or self._container.format.name in _DECODE_TIMES:
             return frame.dts
         return frame.pts
@@ -453,7 +467,7 @@ class ContainerSource(PictureSource):
             kind="stream" if self._remote else "container",
             width=width,
             height=height,
-            frame_rate=None if self._is_live else declared_rate(stream),
+            frame_rate=None if self._is_live else self._declared_rate(),
             frames_declared=declared_frames(stream),
             mirrored=mirrored,
             rotation=rotation,
@@ -463,18 +477,37 @@ class ContainerSource(PictureSource):
             pixel_aspect=Fraction(aspect) if aspect else None,
             bytes=None if self._remote else self._container.size,
             rate_assumed=is_rate_assumed(stream) and not self._is_live,
+            tick_s=stream.time_base,
             video_streams=len(video_streams(self._container)),
             real_time=self._is_live or is_real_time(self.name),
         )
 
+    def _declared_rate(self) -> Fraction | None:
+        """Return the rate that the file declares; None for a guess of FFmpeg that is wrong.
+
+        For a file that declares no rate FFmpeg takes one frame per tick of its clock.
+        """
+        rate, base = declared_rate(self._stream), self._stream.time_base
+        if self._read_once or rate is None or base is None or rate * base != 1:
+            return rate
+        usual = usual_rate(self.name)
+        return rate if usual is None or is_near(rate, usual) else None
+
     def _take_rate(self, true_rate: Fraction) -> None:
-        """Scale the times so that the declared rate becomes `true_rate`."""
+        """Scale the times so that the usual rate becomes `true_rate`.
+
+        The declared rate is taken if it is near the usual one: it is exact, and the times of a file
+        are rounded. FFmpeg's average is another one if frames were dropped, or after a pause.
+        """
         facts = self.facts
         if facts.real_time and not facts.rate_assumed:
             raise no_true_rate(facts.name, "it has the times of a camera")
+        usual = None if self._read_once else usual_rate(self.name)
+        if usual and not (self._rate and is_near(self._rate, usual)):
+            self._rate = usual
         if self._rate is None:
             raise no_true_rate(facts.name, "it states no rate")
-        self._slowed = float(true_rate / self._rate)
+        self._slowed = true_rate / self._rate
         self.facts = replace(
             facts, frame_rate=true_rate, rate_in_file=self._rate, rate_assumed=False
         )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
+from fractions import Fraction
+from itertools import islice
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -12,6 +14,7 @@ import av
 
 from oppload_cli.errors import SourceError, cannot_read, reason_of
 from oppload_cli.files.reading import is_file
+from oppload_cli.frames.ticks import FrameTimes, ticks
 from oppload_cli.video.declared import video_streams
 from oppload_cli.video.frames import USUAL_BITS, check_pixels, max_pixels
 from oppload_cli.video.inputs import is_address
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
     from av.video.stream import VideoStream
 
 _OPEN_TIMEOUT_S = 10.0
+_SAMPLED_PACKETS = 300  # from which the usual rate is taken
+_NEAR = 0.1  # largest relative difference between a declared rate and the usual one
 _CAMERA = re.compile(r"(camera)?[0-9]")  # as users of other programs may name one
 _LFS_POINTER = b"version https://git-lfs"  # such a file stands for one that was not fetched
 _ARRAYS = {".npy", ".npz", ".mat"}  # files of NumPy and MATLAB
@@ -137,3 +142,23 @@ def decoder_limit() -> str:
     they compare. The limit stops a stream whose pictures are larger than its container declares.
     """
     return str(min(2 * max_pixels() + (1 << 16), (1 << 31) - 1))
+
+
+def usual_rate(name: str) -> Fraction | None:
+    """Return the usual number of frames per second of a file, by the times of its first packets.
+
+    None if they have no times. Source: :attr:`oppload_cli.frames.ticks.FrameTimes.rate`.
+    """
+    with open_container(name, 0) as container:
+        stream = video_stream(name, container)
+        packets = islice(container.demux(stream), _SAMPLED_PACKETS)
+        given = {packet.pts for packet in packets if packet.pts is not None}
+        times = FrameTimes(None, stream.time_base)
+        for pts in sorted(given):
+            times.step(ticks(pts * (stream.time_base or 0)))
+    return None if times.rate is None else Fraction(str(round(times.rate, 3)))
+
+
+def is_near(rate: Fraction, other: Fraction) -> bool:
+    """Return whether two rates differ by at most a tenth."""
+    return abs(rate / other - 1) <= _NEAR

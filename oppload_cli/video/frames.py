@@ -2,46 +2,29 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
-from collections import deque
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from fractions import Fraction
-from statistics import fmean, median, median_low
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from oppload_cli.errors import ParameterError, SourceError, counted
+from oppload_cli.errors import ParameterError, SourceError
+from oppload_cli.frames.ticks import seconds_of
 from oppload_cli.schema import is_integer
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
+    from fractions import Fraction
 
     import numpy as np
     from av.video.frame import VideoFrame
     from numpy.typing import NDArray
 
+    from oppload_cli.frames.ticks import FrameTimes
+
 
 WORKING_HEIGHT = 240  # px; the height at which the frames themselves are measured
 HIGHEST = 8192  # px; largest working height
 AUTO, NATIVE = "auto", "native"  # working heights: those of the detectors; that of the video
-USUAL_RATE = Fraction(30)  # frames/s, assumed if an input states no rate
-_LEAST_RATE = 9.0  # frames/s; at lower rates few responses have a meaning (docs/time.md)
-# Slow parts that last so long in all give a remark, even if the rate of most frames is higher.
-_FOR_LONG_S = 2.0
-_GAP_S = 0.5  # a longer time without a frame gives a remark; alarms begin anew after it
-# A step is the time between two frames.
-_MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps
-# A step is usual if it differs from the median by at most this share of the median, or this time.
-_USUAL, _ROUNDING_S = 0.5, 1.001e-3
-_LATEST_STEPS = 15  # a wrong time is replaced by the median of the latest 15 steps
-_CONTRADICTION = 0.1  # a larger relative difference from the declared rate gives a remark
-# At a mean of less than 100 frames/s no camera takes pictures less than 5 ms apart. Frames that
-# come so, if they are a larger share and more than a few, have the times of their arrival.
-_BURST_S, _SHARE_IN_BURSTS, _FEW_IN_BURSTS = 0.005, 0.05, 10
-_LEAST_LASTING_S = 1.0  # a shift of at least this time stays: the clock was set to another time
-_TAKEN_BACK = 0.1  # each step reduces a shorter shift by at most this share of the step
 
 
 @dataclass(frozen=True, eq=False)  # `==` of two arrays is an array, not True or False
@@ -52,8 +35,8 @@ class Frame:
     ----------
     index : int
         Number of the frame in the complete input, from 0, in the order of decoding.
-    time_s : float
-        Presentation time minus that of frame 0, in seconds.
+    time : int
+        Presentation time minus that of frame 0, in ticks (:func:`oppload_cli.ticks`).
     luma : ndarray of float32, shape (height, width)
         Luminance, 0 to 1, at the working size.
     others : mapping of tuple of int to ndarray of float32
@@ -71,10 +54,15 @@ class Frame:
     """
 
     index: int
-    time_s: float
+    time: int
     luma: NDArray[np.float32]
     colour: NDArray[np.uint8] | None = None
     others: Mapping[tuple[int, int], NDArray[np.float32]] = field(default_factory=dict)
+
+    @property
+    def time_s(self) -> float:
+        """Presentation time minus that of frame 0, in seconds."""
+        return seconds_of(self.time)
 
     @property
     def lumas(self) -> Mapping[tuple[int, int], NDArray[np.float32]]:
@@ -121,7 +109,7 @@ class Picture:
     """One decoded frame before it is resized to the working size."""
 
     index: int  # as in `Frame`
-    time_s: float  # as in `Frame`
+    time: int  # as in `Frame`
     # The luma as coded, not turned, shape (rows, columns); often a view of the decoder's memory.
     plane: NDArray[np.uint8] | NDArray[np.uint16]
     bits: int = 8  # bits that a sample uses, 8 to 16
@@ -150,6 +138,7 @@ class InputFacts:
     rate_assumed: bool = False  # as for images, or a raw stream, if nobody states a rate
     # The rate in the file, if the user states another one, at which the pictures were taken.
     rate_in_file: Fraction | None = None
+    tick_s: Fraction | None = None  # length of a tick of the file's clock
     video_streams: int = 1  # videos in a container, without cover pictures; the first one is read
     # Whether pictures come at their own pace, so that a slow reader has to drop some of them; the
     # numbers of the frames show these gaps.
@@ -168,7 +157,7 @@ class InputFacts:
     def as_dict(self) -> dict[str, Any]:
         """Return the facts ready for JSON, fractions as ``"30000/1001"``."""
         facts = dict(vars(self))
-        for name in ("frame_rate", "rate_in_file", "pixel_aspect"):
+        for name in ("frame_rate", "rate_in_file", "pixel_aspect", "tick_s"):
             value = facts[name]
             facts[name] = None if value is None else f"{value.numerator}/{value.denominator}"
         return facts
@@ -202,153 +191,6 @@ class DecodeFacts:
         """Keep a message of one line, unless five or the same message are kept already."""
         if len(self.messages) < 5 and message not in self.messages:
             self.messages.append(message)
-
-
-class FrameTimes:
-    """The presentation times of the frames of one input, in the order of the frames.
-
-    A step is the time between two frames; the usual step is the median of the latest steps. If a
-    frame's time is not later than that of the frame before, the frame gets a time one usual step
-    after the frame before. The clock may go on from such an earlier time, for example if somebody
-    sets a camera's clock back. Then all later times are shifted by the same amount. If the shift is
-    less than a second, the following frames reduce it step by step to 0.
-
-    `rate` is the number of frames per second that the input declares. Source: ``docs/time.md``.
-    """
-
-    def __init__(self, rate: float | Fraction | None) -> None:
-        self._declared = float(rate) if rate and 0 < rate < math.inf else None
-        self._steps: list[float] = []
-        self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
-        self._corrected_s = self._uncorrected_s = 0.0  # times of the latest frame
-        self._first_s = self._shift_s = self._longest_s = self._gap_from_s = 0.0
-        self._slow_s = 0.0  # time in which the usual rate was below `_LEAST_RATE`
-        self._frames = self._first_wrong = 0
-        self._zero_s = math.inf  # see `arrived`
-        self._in_bursts = 0  # number of frames that came right after the frame before
-        self.wrong = 0  # number of times that were not later than the time before
-
-    def step(self, time_s: float) -> float:
-        """Take the time of the next frame in seconds, as the input gives it.
-
-        Returns the corrected time, which is always later than that of the frame before. If all
-        times increase, this is `time_s` itself.
-        """
-        before_s, now_s = self._corrected_s, time_s + self._shift_s
-        if not self._frames:
-            self._first_s = now_s
-        elif now_s > before_s:
-            step_s = now_s - before_s
-            if 0 < self._shift_s < _LEAST_LASTING_S:
-                taken_back_s = min(self._shift_s, _TAKEN_BACK * step_s)
-                self._shift_s -= taken_back_s
-                now_s -= taken_back_s
-            if step_s > self._longest_s:
-                self._longest_s, self._gap_from_s = step_s, before_s
-            self._latest.append(step_s)
-            self._in_bursts += step_s < _BURST_S
-            # The usual step is counted instead of the step, which may be a pause of hours.
-            usual_s = median(self._latest)
-            if len(self._latest) == _LATEST_STEPS and usual_s * _LEAST_RATE > 1:
-                self._slow_s += usual_s
-            if len(self._steps) < _MOST_STEPS:
-                self._steps.append(step_s)
-        else:
-            self._first_wrong = self._first_wrong or self._frames
-            self.wrong += 1
-            declared_s = 1 / (self._declared or float(USUAL_RATE))
-            now_s = before_s + (median(self._latest) if self._latest else declared_s)
-            if time_s > self._uncorrected_s:  # the clock goes on from the earlier time
-                self._shift_s = now_s - time_s
-        self._corrected_s, self._uncorrected_s = now_s, time_s
-        self._frames += 1
-        return now_s
-
-    def arrived(self, clock_s: float) -> None:
-        """Take the time of day, in seconds since 1970, at which the latest frame arrived.
-
-        Time zero is that of the frame with the least delay.
-        """
-        self._zero_s = min(self._zero_s, clock_s - self._corrected_s)
-
-    @property
-    def seconds(self) -> float:
-        """Time from the first frame to the latest one, in seconds."""
-        return self._corrected_s - self._first_s
-
-    @property
-    def rate(self) -> float | None:
-        """Frames per second, from the usual steps among the first 1024; None for one frame.
-
-        A step is usual if it differs from the median by at most half of the median, or by the
-        rounding to milliseconds. The rate is 1 over the mean of these steps; their median would be
-        less exact, because files round times.
-        """
-        if not self._steps:
-            return None
-        middle = median_low(self._steps)  # one of the steps, so that at least one is usual
-        spread = max(_USUAL * middle, _ROUNDING_S)
-        return 1 / fmean(step for step in self._steps if abs(step - middle) <= spread)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the facts for the sidecar."""
-        known = self._zero_s < math.inf
-        zero = datetime.fromtimestamp(self._zero_s, UTC).isoformat() if known else None
-        return {
-            "zero_utc": zero,
-            "frames_per_s": None if self.rate is None else round(self.rate, 3),
-            "longest_step_s": round(self._longest_s, 6),
-            "not_after_the_one_before": self.wrong,
-        }
-
-    def remarks(self) -> list[str]:
-        """Return remarks about the times, a sentence each."""
-        remarks = []
-        if self.wrong:
-            have = "has" if self.wrong == 1 else "have"
-            remarks.append(
-                f"{counted(self.wrong, 'frame')} {have} a time that is not later than that of the "
-                f"frame before (the earliest comes {counted(self._first_wrong, 'frame')} after the "
-                "first one); each is taken one usual step after the frame before, and the clock "
-                "goes on from there"
-            )
-        rate = self.rate
-        if rate is None:
-            return remarks
-        most = max(_SHARE_IN_BURSTS * self._frames, _FEW_IN_BURSTS)
-        if self._in_bursts > most and self.seconds > 2 * _BURST_S * self._frames:
-            remarks.append(
-                f"{self._in_bursts} frames come less than {_BURST_S * 1000:.0f} ms after the frame "
-                "before, as in bursts over a network; times to contact are wrong unless the frames "
-                "have the times at which they were taken"
-            )
-        if self._declared and abs(rate / self._declared - 1) > _CONTRADICTION:
-            remarks.append(
-                f"{in_digits(self._declared)} frames/s are declared, but the times of most frames "
-                f"say {in_digits(rate)}; the times are used"
-            )
-        if rate * self._longest_s > 2 and self._longest_s > _GAP_S:
-            remarks.append(
-                f"the longest time without a frame is {self._longest_s:.2f} s, from "
-                f"{self._gap_from_s:.2f} s on; what happened then was not seen"
-            )
-        if rate < _LEAST_RATE:
-            remarks.append(
-                f"{rate:.3g} frames/s are too few for the models, which compare pictures 1/30 s "
-                f"apart; below {_LEAST_RATE:.0f} frames/s expect missed approaches"
-            )
-        elif self._slow_s > _FOR_LONG_S:
-            remarks.append(
-                f"for {self._slow_s:.0f} s in all, frames came at less than {_LEAST_RATE:.0f} per "
-                "second, too few for the models, which compare pictures 1/30 s apart: expect "
-                "missed approaches"
-            )
-        return remarks
-
-
-def in_digits(rate: float) -> str:
-    """Return frames per second as a text without a power of ten."""
-    return f"{rate:.0f}" if rate >= 1000 else f"{rate:.4g}"
 
 
 def no_true_rate(name: str, reason: str) -> SourceError:

@@ -20,10 +20,10 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from oppload_cli.errors import SourceError, reason_of
+from oppload_cli.frames.ticks import USUAL_RATE, ticks
 from oppload_cli.video.arrivals import Arrivals
 from oppload_cli.video.frames import (
     MAX_PIXELS,
-    USUAL_RATE,
     DecodeFacts,
     InputFacts,
     Picture,
@@ -100,8 +100,8 @@ class ImageSource(PictureSource):
             if luma.shape != size:
                 size = luma.shape
                 self.decode.note(f"the size becomes {size[1]} x {size[0]} at {path.name}")
-            time_s = float(index / self._rate)
-            yield Picture(index, time_s, luma, 8 * luma.itemsize, original=colour)
+            time, bits = ticks(index / self._rate), 8 * luma.itemsize
+            yield Picture(index, time, luma, bits, original=colour)
 
     def finish(self) -> None:
         """Note that images of 16 bits use few of them."""
@@ -327,7 +327,7 @@ class CameraSource(PictureSource):
                 time_s = since_first_s
             else:
                 self.decode.smoothed = arrivals.smoothed
-            yield Picture(index, time_s, _grey(colour), original=colour)
+            yield Picture(index, ticks(time_s), _grey(colour), original=colour)
             colour = self._picture()
             if colour is None and (colour := self._picture_after_failure()) is not None:
                 self.decode.failed("the camera failed, and went on")

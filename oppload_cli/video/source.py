@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.files.reading import is_folder, is_there
+from oppload_cli.frames.ticks import FrameTimes
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.schema import is_integer
 from oppload_cli.video.frames import (
     MOST_WAITING,
     WORKING_HEIGHT,
     Frame,
-    FrameTimes,
     WorkingSize,
     frames_ahead,
     no_true_rate,
@@ -86,7 +86,7 @@ class Video:
         except BaseException:
             source.close()
             raise
-        self.times = FrameTimes(source.facts.rate_declared)
+        self.times = FrameTimes(source.facts.rate_declared, source.facts.tick_s)
         self._luminance = Luminance(self.working, source.facts)
         self._others = {size.shape: Luminance(size, source.facts) for size in self.others}
         self._colour: Colour | None = None
@@ -151,12 +151,12 @@ class Video:
         set_by_s = time() - perf_counter()  # once, as somebody may set the clock during the run
         for picture in self._span.within(self._source):
             colour = self._colour(picture) if self._colour else None
-            time_s = self.times.step(picture.time_s)
+            time_of = self.times.step(picture.time)
             if self.facts.live:
                 self.times.arrived(set_by_s + perf_counter())
             luma = self._luminance(picture)
             others = {shape: convert(picture) for shape, convert in self._others.items()}
-            yield Frame(picture.index, time_s, luma, colour, others)
+            yield Frame(picture.index, time_of, luma, colour, others)
 
 
 def open_video(

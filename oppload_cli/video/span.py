@@ -9,8 +9,8 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.frames.ticks import FrameTimes, ticks
 from oppload_cli.schema import is_integer
-from oppload_cli.video.frames import FrameTimes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -56,17 +56,15 @@ class Position:
                 f"the seconds of a position must be a finite number of at least 0, not {seconds!r}"
             )
 
-    def reached(self, frame: int, seconds: float) -> bool:
-        """Return whether a frame, given by its number and time, is at or after this position."""
-        if self.frame is not None:
-            return frame >= self.frame
-        return self.seconds is not None and seconds >= self.seconds - 1e-9
+    def reached(self, frame: int, time: int, begin: tuple[int, int] = (0, 0)) -> bool:
+        """Return whether a frame is at or after this position, counted from another frame.
 
-    def after(self, frame: int, seconds: float) -> Position:
-        """Return the position that comes this many frames or seconds after a given frame."""
+        Both are given by their number and their time in ticks; `begin` is the input's first frame
+        if left out.
+        """
         if self.frame is not None:
-            return Position(frame=frame + self.frame)
-        return Position(seconds=seconds + (self.seconds or 0.0))
+            return frame >= begin[0] + self.frame
+        return time >= begin[1] + ticks(self.seconds or 0)
 
 
 @dataclass(frozen=True)
@@ -112,27 +110,27 @@ class Span:
         start, its pictures also get these times, which they would have in the complete input. If
         this part reaches the end of the input, it calls `finish` of the source.
         """
-        times = FrameTimes(source.facts.frame_rate)
-        start, end = self.start, self.end
-        before_s = 0.0
+        times = FrameTimes(source.facts.frame_rate, source.facts.tick_s)
+        start, end, begin = self.start, self.end or self.duration, (0, 0)
+        before, first = 0, True
         for picture in source.pictures():
             if source.stopping:
                 return
             wrong_before = times.wrong
-            time_s = times.step(picture.time_s)
-            position = (picture.index, time_s)
+            time = times.step(picture.time)
             if start is not None:
-                if not start.reached(*position):
+                if not start.reached(picture.index, time):
                     continue
                 start = None  # it is reached
             elif times.wrong > wrong_before:
-                time_s = before_s  # not later than before: so the caller corrects and counts it
-            if end is None and self.duration is not None:
-                end = self.duration.after(*position)
-            if end is not None and end.reached(*position):
+                time = before  # not later than before: so the caller corrects and counts it
+            if first and self.duration is not None:  # it counts from the first picture
+                begin = picture.index, time
+            first = False
+            if end is not None and end.reached(picture.index, time, begin):
                 return
-            before_s = time_s
-            yield picture if self.start is None else replace(picture, time_s=time_s)
+            before = time
+            yield picture if self.start is None else replace(picture, time=time)
         source.finish()
 
 

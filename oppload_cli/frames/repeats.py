@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.models.timebase import ROUNDING_S
+from oppload_cli.frames.ticks import TICKS_PER_S, in_digits, seconds_of, ticks
 from oppload_cli.schema import Parameters, parameter
-from oppload_cli.video.frames import in_digits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,16 +26,16 @@ _KEEP, EXACT, NEAR = "keep", "exact", "near"
 _CELLS = 15  # cells across the shorter side of the frame; changes are averaged over each cell
 _PICTURES = 3  # the usual change is the median change of the latest 3 pictures
 _FRAMES = 6  # before a cadence the usual change is at least the second largest of the latest 6
-_ENOUGH, _PROOF_S = 2, 2.0  # a cadence is two proved runs within 2 s
+_ENOUGH, _PROOF = 2, 2 * TICKS_PER_S  # a cadence is two proved runs within 2 s
 # A camera that shakes nearly stops now and then. So of runs that end more than 6 frames apart, the
 # changes must be below this part of the share that holds otherwise.
 _DENSE, _DEEP = 6, 0.35
 _RISE = 0.4  # after a repeat the change rises to at least this share of the usual change
 _LENIENT = 2.0  # in a cadence one value of a repeat's change may be twice as large
 _SPAN = 20  # a picture's even time uses the mean interval of the latest 20 pictures
-_PULL = 0.1  # share of the way by which an even time moves into the frame before the picture
+_PULL = 10  # 1 / share of the way by which an even time moves into the frame before the picture
 _LEAST_SHARE = 0.05  # least share of repeats among all frames for a remark
-_STILL_S = 1.0  # a camera never gives exactly the same picture for so long
+_STILL = TICKS_PER_S  # a camera never gives exactly the same picture for so long
 _LEAST_RANGE = 0.04  # of luminance; with a smaller range rendered approaches alarm late or never
 
 
@@ -81,9 +80,9 @@ class Repeat(NamedTuple):
     held: bool = False  # whether the row of its picture holds for the frame too, as in a cadence
     # Whether the frames that were passed over just before were no repeats: the scene is at rest.
     still_begins: bool = False
-    # Time at which the picture was taken minus the presentation time, in seconds. Only in a cadence
-    # it is not 0, because the pictures were taken at even intervals.
-    shift_s: float = 0.0
+    # Time at which the picture was taken minus the presentation time, in ticks. It is not 0 only in
+    # a cadence, because the pictures were taken at even intervals.
+    shift: int = 0
 
 
 class _Change(NamedTuple):
@@ -114,7 +113,7 @@ _NONE = _Change(0.0, 0.0)
 class _Proof(NamedTuple):
     """A proved run: the change drops, and rises as steeply after it."""
 
-    time_s: float  # of the frame after the run
+    time: int  # of the frame after the run
     frame: int  # number of this frame
     length: int  # of the run, in frames
     deep: bool  # whether the change dropped so far that runs far apart count
@@ -142,25 +141,25 @@ class Repeats:
     """
 
     def __init__(self, params: RepeatParams) -> None:
-        self._params, self._longest_s = params, params.longest_s + ROUNDING_S
+        self._params, self._longest_time = params, ticks(params.longest_s)
         self._shown: Luma | None = None  # the latest frame that the detectors got
         self._usual: deque[_Change] = deque(maxlen=_FRAMES)
         # The current run: its length, the largest change in it, and the time of its picture.
-        self._run, self._largest, self._since_s = 0, _NONE, 0.0
+        self._run, self._largest, self._since = 0, _NONE, 0
         self._proofs: deque[_Proof] = deque()
-        self._before_s = 0.0  # time of the frame before
-        self._lasted_s: deque[float] = deque(maxlen=_SPAN)  # durations of pictures of a cadence
-        self._picture_s = self._even_s = 0.0  # times: the latest picture was shown, was taken
-        self._taken_s = 0.0  # time at which the picture of `_shown` was taken
+        self._before = 0  # time of the frame before
+        self._lasted: deque[int] = deque(maxlen=_SPAN)  # durations of pictures of a cadence
+        self._picture = self._even = 0  # times: the latest picture was shown, was taken
+        self._taken = 0  # time at which the picture of `_shown` was taken
         self._passed_over = False  # whether the detectors did not get the frame before
         self.exact = self.near = 0
         # The range of luminance of all frames so far; once it is large enough, it stays.
         self._darkest, self._brightest = 1.0, 0.0
         self._frames = 0
-        self._new_s = 0.0  # time of the latest frame that was not an exact repeat
+        self._new = 0  # time of the latest frame that was not an exact repeat
         # The cadences: numbers of pictures and repeats, and the time for which they were shown.
         self._pictures = self._repeats = 0
-        self._cadence_s = 0.0
+        self._cadence = 0
 
     @property
     def pictures_per_s(self) -> float | None:
@@ -168,22 +167,22 @@ class Repeats:
 
         None if too few frames are repeats in a cadence (a share below `_LEAST_SHARE`).
         """
-        if self._repeats < _LEAST_SHARE * self._frames or not self._cadence_s:
+        if self._repeats < _LEAST_SHARE * self._frames or not self._cadence:
             return None
-        return self._pictures / self._cadence_s
+        return self._pictures / seconds_of(self._cadence)
 
     @property
     def still_s(self) -> float:
         """Time in seconds for which the picture has not changed; 0 if less than a second."""
-        lasted_s = self._before_s - self._new_s
-        return lasted_s if lasted_s >= _STILL_S else 0.0
+        lasted = self._before - self._new
+        return seconds_of(lasted) if lasted >= _STILL else 0.0
 
     def remarks(self) -> list[str]:
         """Return sentences if pictures are all the same or nearly uniform, or if they repeat."""
         if self.still_s and self.exact == self._frames - 1:
             return ["all pictures are the same, and nothing can cause an alarm; check the input"]
         remarks = []
-        if self._brightest - self._darkest < _LEAST_RANGE and self._before_s >= _STILL_S:
+        if self._brightest - self._darkest < _LEAST_RANGE and self._before >= _STILL:
             remarks.append(
                 f"all luminance lies between {self._darkest:.3f} and {self._brightest:.3f} of 0 "
                 "(black) to 1 (white): with so little contrast an alarm comes late or never; give "
@@ -198,8 +197,8 @@ class Repeats:
             )
         return remarks
 
-    def step(self, luma: Luma, time_s: float) -> Repeat:
-        """Take the next frame: its luminance at the working size, 0 to 1, and its time in seconds.
+    def step(self, luma: Luma, time: int) -> Repeat:
+        """Take the next frame: its luminance at the working size, 0 to 1, and its time in ticks.
 
         The array, float32 of shape (height, width), is kept, not copied.
         """
@@ -207,40 +206,40 @@ class Repeats:
         if self._brightest - self._darkest < _LEAST_RANGE:
             self._darkest = min(self._darkest, float(luma.min()))
             self._brightest = max(self._brightest, float(luma.max()))
-        repeat = self._recognised(luma, time_s)
+        repeat = self._recognised(luma, time)
         self.exact += repeat.kind == EXACT
         if self.exact == exact_before:
-            self._new_s = time_s
+            self._new = time
         self.near += repeat.kind == NEAR
         if not repeat.passed_over:
             self._shown = luma
             # Only new pictures get an even time: neither frames at rest nor, outside a cadence,
             # frames that may be repeats.
             if not repeat.kind and (self.is_cadence or not self._run):
-                self._even_s = self._even_time(time_s)
-                repeat = repeat._replace(shift_s=self._even_s - time_s)
-                self._picture_s = time_s
-            self._taken_s = time_s + repeat.shift_s
+                self._even = self._even_time(time)
+                repeat = repeat._replace(shift=self._even - time)
+                self._picture = time
+            self._taken = time + repeat.shift
         self._frames += 1
         self._passed_over = repeat.passed_over
-        self._before_s = time_s
+        self._before = time
         return repeat
 
-    def again(self, first: Sequence[tuple[Luma, float]]) -> list[Repeat]:
+    def again(self, first: Sequence[tuple[Luma, int]]) -> list[Repeat]:
         """Recognise the repeats among the first frames once more, by the cadence that they proved.
 
         `first` holds luminance and time of all frames so far. `exact` and `near` do not change.
         """
         counts = self.exact, self.near, self._frames
         for _ in range(2):  # the first pass finds the lengths of the runs, which the second uses
-            proofs, lasted = len(self._proofs), len(self._lasted_s)
+            proofs, lasted = len(self._proofs), len(self._lasted)
             self._shown, self._run, self._frames = None, 0, 0
             self._pictures = self._repeats = 0
-            self._cadence_s = 0.0
-            repeats = [self.step(luma, time_s) for luma, time_s in first]
+            self._cadence = 0
+            repeats = [self.step(luma, time) for luma, time in first]
             if len(self._proofs) >= proofs + _ENOUGH:
                 self._proofs = deque(list(self._proofs)[proofs:])
-                self._lasted_s = deque(list(self._lasted_s)[lasted:], _SPAN)
+                self._lasted = deque(list(self._lasted)[lasted:], _SPAN)
         self.exact, self.near, self._frames = counts
         return repeats
 
@@ -248,30 +247,30 @@ class Repeats:
         """Forget all proved runs: the first picture was not repeated, but stood still."""
         self._proofs.clear()
 
-    def _even_time(self, time_s: float) -> float:
+    def _even_time(self, time: int) -> int:
         """Return the time at which the picture was taken that a frame shows first.
 
         A file of 30 frames/s with 12 pictures/s shows each picture for two or three frames. So the
         pictures begin at uneven times. But they were taken at even intervals, each less than a
         frame before it is shown, or after two conversions up to a frame earlier or later.
         """
-        lasted_s = time_s - self._picture_s
+        lasted = time - self._picture
         if not self._proofs:
-            self._lasted_s.clear()
+            self._lasted.clear()
         # Before a cadence only a proved run shows how long its picture lasted.
-        known = self.is_cadence or (bool(self._proofs) and self._proofs[-1].time_s == time_s)
-        if not known or not 0 < lasted_s <= self._longest_s:
-            return time_s
-        self._lasted_s.append(lasted_s)
+        known = self.is_cadence or (bool(self._proofs) and self._proofs[-1].time == time)
+        if not known or not 0 < lasted <= self._longest_time:
+            return time
+        self._lasted.append(lasted)
         if not self.is_cadence:
-            return time_s
-        even_s = self._even_s + fmean(self._lasted_s)
-        frame_s, late_s = time_s - self._before_s, time_s - even_s
-        even_s += _PULL * (max(late_s - frame_s, 0) + min(late_s, 0))
-        earliest_s = max(time_s - 2 * frame_s, self._taken_s + frame_s / 2)
-        return min(max(even_s, earliest_s), time_s + frame_s)
+            return time
+        even = self._even + round(fmean(self._lasted))
+        frame, late = time - self._before, time - even
+        even += (max(late - frame, 0) + min(late, 0)) // _PULL
+        earliest = max(time - 2 * frame, self._taken + frame // 2)
+        return min(max(even, earliest), time + frame)
 
-    def _recognised(self, luma: Luma, time_s: float) -> Repeat:
+    def _recognised(self, luma: Luma, time: int) -> Repeat:
         if self._shown is None:
             return Repeat()
         handling = self._params.handling
@@ -281,16 +280,16 @@ class Repeats:
         if handling == _KEEP:
             self.exact += exact
             return Repeat()
-        while self._proofs and time_s - self._proofs[0].time_s > _PROOF_S + ROUNDING_S:
+        while self._proofs and time - self._proofs[0].time > _PROOF:
             self._proofs.popleft()
         if not exact and not (change and self._is_drop(change)):
-            self._end_run(change, time_s)
+            self._end_run(change, time)
             return Repeat()
         if not self._run:
-            self._largest, self._since_s = _NONE, self._before_s
+            self._largest, self._since = _NONE, self._before
         self._run += 1
         self._largest = _Change(*map(max, self._largest, change or _NONE))
-        if time_s - self._since_s > self._longest_s:
+        if time - self._since > self._longest_time:
             return self._at_rest(exact=exact)
         held = self.is_cadence and self._run % (1 + self._longest) > 0
         kind = EXACT if exact else NEAR if held else ""
@@ -299,7 +298,7 @@ class Repeats:
     @property
     def is_cadence(self) -> bool:
         """Whether the latest two seconds have a cadence: two deep runs, or two close together."""
-        return sum(each.deep for each in self._proofs) >= _ENOUGH or any(
+        return sum(proof.deep for proof in self._proofs) >= _ENOUGH or any(
             later.frame - earlier.frame <= _DENSE for earlier, later in pairwise(self._proofs)
         )
 
@@ -311,7 +310,7 @@ class Repeats:
     @property
     def _longest(self) -> int:
         """Most repeats in a row in this cadence: pictures at even intervals differ by at most 1."""
-        *_, second, longest = sorted(each.length for each in self._proofs)
+        *_, second, longest = sorted(proof.length for proof in self._proofs)
         return min(longest, second + 1)
 
     def _is_drop(self, change: _Change) -> bool:
@@ -324,15 +323,15 @@ class Repeats:
         if not self._usual:
             return _NONE
         changes = list(zip(*self._usual, strict=True))
-        usual = [median(each[-_PICTURES:]) for each in changes]
+        usual = [median(values[-_PICTURES:]) for values in changes]
         if not self.is_cadence:  # most of these frames may be repeats
-            second_largest = [sorted(each)[-2:][0] for each in changes]
+            second_largest = [sorted(values)[-2:][0] for values in changes]
             usual = list(map(max, usual, second_largest))
         return _Change(*usual)
 
-    def _end_run(self, change: _Change | None, time_s: float) -> None:
+    def _end_run(self, change: _Change | None, time: int) -> None:
         """Take a new picture; if the change rises as steeply as it dropped, the run is proved."""
-        proved = self._run > 0 and self._before_s - self._since_s <= self._longest_s
+        proved = self._run > 0 and self._before - self._since <= self._longest_time
         deep = True
         if change is not None:  # with `EXACT` a run needs no rise
             usual = self._usual_change()
@@ -341,13 +340,13 @@ class Repeats:
             deep = self._largest.below(_DEEP * self._params.share, change, lenient=True)
             self._usual.append(change)
         # Where frames are dropped the usual frame rate is too high, so the time counts; not pauses.
-        pause = time_s - self._before_s > self._longest_s
+        pause = time - self._before > self._longest_time
         if self.is_cadence and (proved or not self._run) and not pause:
             self._pictures += 1
             self._repeats += self._run
-            self._cadence_s += time_s - (self._since_s if self._run else self._before_s)
+            self._cadence += time - (self._since if self._run else self._before)
         if proved:
-            self._proofs.append(_Proof(time_s, self._frames, self._run, deep))
+            self._proofs.append(_Proof(time, self._frames, self._run, deep))
         self._run = 0
 
     def _at_rest(self, *, exact: bool) -> Repeat:

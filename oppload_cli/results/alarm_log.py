@@ -75,12 +75,12 @@ class Verdict(NamedTuple):
     @property
     def strongest(self) -> float:
         """Largest ratio of the response to its threshold; during alarms only, if there are any."""
-        return max((each.peak_over_threshold for each in self.alarms), default=self.peak or 0.0)
+        return max((alarm.peak_over_threshold for alarm in self.alarms), default=self.peak or 0.0)
 
     @property
     def is_uncounted(self) -> bool:
         """Whether the peak exceeds the threshold and the peaks of all alarms."""
-        peaks_of_alarms = (each.peak_over_threshold for each in self.alarms)
+        peaks_of_alarms = (alarm.peak_over_threshold for alarm in self.alarms)
         return (self.peak or 0.0) > max([1.0, *peaks_of_alarms])
 
     def __str__(self) -> str:
@@ -114,7 +114,7 @@ class Verdict(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
-        alarms = [asdict(each) for each in self.alarms]
+        alarms = [asdict(alarm) for alarm in self.alarms]
         return {"alarms": alarms, "peak": self.peak, "peak_blind": self.peak_blind}
 
 
@@ -209,7 +209,7 @@ def in_words(verdicts: Iterable[Verdict]) -> str:
     listed = list(verdicts)
     if len(listed) == 1:
         return str(listed[0])
-    return "; ".join(f"{label_of(each.model)} {each}" for each in listed)
+    return "; ".join(f"{label_of(verdict.model)} {verdict}" for verdict in listed)
 
 
 def times(value: float) -> str:
@@ -241,8 +241,8 @@ def write_alarms(
         ]
         for video, verdicts in verdicts_of.items():
             about = {"result": printable(stems[video]), "video": printable(video)}
-            for each in verdicts:
-                rows += [about | _row(each.model, alarm) for alarm in each.alarms]
+            for verdict in verdicts:
+                rows += [about | _row(verdict.model, alarm) for alarm in verdict.alarms]
         for row in sorted(rows, key=lambda row: row["video"]):
             table.write(row)
 

@@ -205,7 +205,7 @@ def title_and_input(table: Path) -> tuple[str, str]:
 
 def stem_of(path: Path) -> str:
     """Return the name of a result without the suffixes of its table."""
-    suffix = next((each for each in _SUFFIXES if path.name.endswith(each)), path.suffix)
+    suffix = next((suffix for suffix in _SUFFIXES if path.name.endswith(suffix)), path.suffix)
     return path.name.removesuffix(suffix)
 
 
