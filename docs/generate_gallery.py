@@ -14,7 +14,7 @@ from oppload_cli.schema import REQUIRED
 from oppload_cli.stimulus.courses import Course
 from oppload_cli.stimulus.files import contact_sheet, sheet_frames
 from oppload_cli.stimulus.objects import Brightness, Growth, Motion, Object
-from oppload_cli.stimulus.tables import Camera, Display, Effects, Scene, Timing
+from oppload_cli.stimulus.protocol_tables import Camera, Display, Effects, Scene, Timing
 from oppload_cli.video.writers import png_bytes
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from oppload_cli.pipeline.settings import check_assignments, resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
 from oppload_cli.pipeline.task import IfExists, Outputs
 from oppload_cli.report.writing import write_report
-from oppload_cli.results import reading
+from oppload_cli.results import result_files
 from oppload_cli.results.table import TABLE, detection_line, detection_values, write_sidecar
 from oppload_cli.results.truths import facts_of_truth, usable_truth
 from oppload_cli.results.tuning import tuning_of
@@ -65,7 +65,7 @@ _NOT_FLOATS: dict[str, type] = {"frame": int, "id": int, "alarm": bool}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result(reading.BaseResult):
+class Result(result_files.BaseResult):
     """The result of one input, from :func:`run` or :func:`read_result`.
 
     Attributes
@@ -104,7 +104,7 @@ class Result(reading.BaseResult):
             parts += [*self.models, "alarms are off"]
         else:
             for model in self.models:
-                alarms = reading.alarm_rows(self, model)
+                alarms = result_files.alarm_rows(self, model)
                 parts.append(f"{model}: {counted(len(alarms), 'alarm')}")
         if self.part("decode").get("complete") is False:
             parts.append("incomplete: see sidecar['decode']")
@@ -491,8 +491,8 @@ def read_result(path: str | Path) -> Result:
     ...
     oppload_cli.errors.ResultError: missing.frames.csv: cannot be read (no such file...
     """
-    read = reading.read_result(path_of(path, "path"))
-    detections = _detections(reading.read_detections(read.path) or [])
+    read = result_files.read_result(path_of(path, "path"))
+    detections = _detections(result_files.read_detections(read.path) or [])
     return Result(read.path, read.frames, read.sidecar, detections, saved=True)
 
 

@@ -201,9 +201,9 @@ class DeclaredTable:
             cls.__doc__ = _Docstring(cls.__doc__)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        for each in self.declared():
-            value = self._checked(each, getattr(self, each.name))
-            object.__setattr__(self, each.name, value)
+        for key in self.declared():
+            value = self._checked(key, getattr(self, key.name))
+            object.__setattr__(self, key.name, value)
         self._check_kind()
 
     @classmethod
@@ -212,47 +212,47 @@ class DeclaredTable:
         """Return the descriptions of all values, in the order of their declaration."""
         hints = typing.get_type_hints(cls)
         declared = []
-        for each in fields(cls):
-            if not each.metadata:
+        for key in fields(cls):
+            if not key.metadata:
                 raise cls._error(
-                    f"{cls.__name__}.{each.name} is declared without a meaning; write "
-                    f"{each.name}: ... = parameter(default, meaning)"
+                    f"{cls.__name__}.{key.name} is declared without a meaning; write "
+                    f"{key.name}: ... = parameter(default, meaning)"
                 )
-            facts = dict(each.metadata)
+            facts = dict(key.metadata)
             if facts["unit"] is None:
-                ends = (unit for end, unit in _UNITS.items() if each.name.endswith(end))
+                ends = (unit for end, unit in _UNITS.items() if key.name.endswith(end))
                 facts["unit"] = next(ends, "")
-            kind = _without_none(hints[each.name])
-            if hasattr(Parameters, each.name):
+            kind = _without_none(hints[key.name])
+            if hasattr(Parameters, key.name):
                 raise cls._error(
-                    f"{cls.__name__}.{each.name} has the name of a method of its class; choose "
+                    f"{cls.__name__}.{key.name} has the name of a method of its class; choose "
                     "another name"
                 )
             if not _is_supported(kind[0]):
                 raise cls._error(
-                    f"{cls.__name__}.{each.name} cannot be of the type {_in_words(kind[0])}; "
+                    f"{cls.__name__}.{key.name} cannot be of the type {_in_words(kind[0])}; "
                     "declare it as float, int, bool, str (with choices, if it is one of a few "
                     "words), Fraction, or a tuple of one of these"
                 )
-            declared.append(Parameter(each.name, *kind, each.default, **facts))
+            declared.append(Parameter(key.name, *kind, key.default, **facts))
         return tuple(declared)
 
     @classmethod
     def _parameter_lines(cls) -> Iterator[str]:
-        for each in cls.declared():
-            plain = each.default is not REQUIRED and not isinstance(
-                each.default, DeclaredTable | None
+        for key in cls.declared():
+            plain = key.default is not REQUIRED and not isinstance(
+                key.default, DeclaredTable | None
             )
-            kind = f"{each.words} or None" if each.optional else each.words
-            yield f"{each.name} : {kind}{f', default {each.default!r}' if plain else ''}"
-            facts = ", ".join(filter(None, (each.allowed, each.unit)))
-            yield f"    {each.meaning}{f' ({facts})' if facts else ''}."
+            kind = f"{key.words} or None" if key.optional else key.words
+            yield f"{key.name} : {kind}{f', default {key.default!r}' if plain else ''}"
+            facts = ", ".join(filter(None, (key.allowed, key.unit)))
+            yield f"    {key.meaning}{f' ({facts})' if facts else ''}."
 
     @classmethod
     @cache
     def names(cls) -> tuple[str, ...]:
         """Return the names of all values, in the order of their declaration."""
-        return tuple(each.name for each in fields(cls))
+        return tuple(key.name for key in fields(cls))
 
     @classmethod
     def from_table(cls, table: object, where: str) -> Self:
@@ -273,13 +273,13 @@ class DeclaredTable:
         """
         if not isinstance(table, dict):
             raise cls._error(f"{where} must be a table of keys, not {table!r}")
-        known = {each.name: each for each in cls.declared()}
+        known = {key.name: key for key in cls.declared()}
         for name in table:
             if name not in known:
                 hint = suggestion(str(name), cls._keys_of(table.get("kind")))
                 raise cls._error(f"{where}: unknown key '{name}'{hint}")
-        for name, each in known.items():
-            if name not in table and each.default is REQUIRED:
+        for name, key in known.items():
+            if name not in table and key.default is REQUIRED:
                 raise cls._error(f"{where}: {name} is missing; add it")
         values = {}
         for name, value in table.items():
@@ -292,9 +292,9 @@ class DeclaredTable:
     def _keys_of(cls, kind: object) -> list[str]:
         """Return the keys that a kind of the table takes; all keys if there is no such kind."""
         keys = cls.declared()
-        if not any(each.name == "kind" and kind in each.choices for each in keys):
-            return [each.name for each in keys]
-        return [each.name for each in keys if not each.kinds or kind in each.kinds]
+        if not any(key.name == "kind" and kind in key.choices for key in keys):
+            return [key.name for key in keys]
+        return [key.name for key in keys if not key.kinds or kind in key.kinds]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the values by name, for JSON."""
@@ -385,15 +385,15 @@ class DeclaredTable:
 
     def _check_kind(self) -> None:
         kind = getattr(self, "kind", None)
-        for each in self.declared():
-            value = getattr(self, each.name)
-            if each.kinds and kind not in each.kinds and value != each.default:
+        for key in self.declared():
+            value = getattr(self, key.name)
+            if key.kinds and kind not in key.kinds and value != key.default:
                 raise self._error(
-                    f"{each.name} is not a key of kind '{kind}' but of {', '.join(each.kinds)}; "
+                    f"{key.name} is not a key of kind '{kind}' but of {', '.join(key.kinds)}; "
                     "remove it or change the kind"
                 )
-            if kind in each.needed_by and value is None:
-                raise self._error(f"kind '{kind}' needs {each.name}; add it")
+            if kind in key.needed_by and value is None:
+                raise self._error(f"kind '{kind}' needs {key.name}; add it")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -447,20 +447,20 @@ class Parameters(DeclaredTable):
         :meth:`replaced` checks the range. Raises ParameterError if the name is unknown, or the text
         cannot be converted.
         """
-        each = self._declared_as(name)
-        if each.optional and text.lower() in {"none", AUTO}:
+        declared = self._declared_as(name)
+        if declared.optional and text.lower() in {"none", AUTO}:
             return None
-        if each.type in {str, Fraction}:
+        if declared.type in {str, Fraction}:
             return text
         try:
-            if each.type is bool:  # bool("false") would be True
+            if declared.type is bool:  # bool("false") would be True
                 return {"false": False, "true": True}[text.lower()]
-            if typing.get_origin(each.type) is tuple:
+            if typing.get_origin(declared.type) is tuple:
                 listed = text if text.startswith("[") else f"[{text}]"
                 return tomllib.loads(f"values = {listed}")["values"]
-            return each.type(text)
+            return declared.type(text)
         except (KeyError, ValueError, TypeError):
-            raise self._mistyped(each, each.type, text) from None
+            raise self._mistyped(declared, declared.type, text) from None
 
     def angle(self, name: str, value: object) -> float | None:
         """Return the degrees of a size that is given as a text such as ``"60deg"``.
@@ -468,8 +468,8 @@ class Parameters(DeclaredTable):
         Returns None for a value without ``deg``, and for parameters that are not sizes in pixels.
         Raises ParameterError if the name is unknown, or the angle is not above 0 and below 180.
         """
-        each = self._declared_as(name)
-        is_size = each.unit == "px" and each.type in {int, float}
+        declared = self._declared_as(name)
+        is_size = declared.unit == "px" and declared.type in {int, float}
         if not is_size or not isinstance(value, str) or not value.strip().endswith("deg"):
             return None
         try:
@@ -490,15 +490,15 @@ class Parameters(DeclaredTable):
 
     @classmethod
     def _declared_as(cls, name: str) -> Parameter:
-        known = {each.name: each for each in cls.declared()}
+        known = {key.name: key for key in cls.declared()}
         if name not in known:
             raise ParameterError(f"no {cls._label(name)}{suggestion(name, known)}")
         return known[name]
 
     @classmethod
-    def _refused_choice(cls, each: Parameter, value: object) -> str:
-        allowed = " or ".join(str(choice) for choice in each.choices)
-        return f"{cls._label(each.name)} must be {allowed}, not {value}"
+    def _refused_choice(cls, declared: Parameter, value: object) -> str:
+        allowed = " or ".join(str(choice) for choice in declared.choices)
+        return f"{cls._label(declared.name)} must be {allowed}, not {value}"
 
 
 def parsed_fraction(text: str) -> Fraction:
@@ -520,12 +520,12 @@ def _without_none(hint: Any) -> tuple[Any, bool]:
     members = typing.get_args(hint)
     if NoneType not in members:
         return hint, False
-    return next(each for each in members if each is not NoneType), True
+    return next(member for member in members if member is not NoneType), True
 
 
 def _is_supported(kind: Any) -> bool:
     if typing.get_origin(kind) is tuple:
-        members = {each for each in typing.get_args(kind) if each is not Ellipsis}
+        members = {member for member in typing.get_args(kind) if member is not Ellipsis}
         return len(members) == 1 and _is_supported(*members)
     return kind in _WORDS or _is_table(kind)
 
@@ -539,7 +539,7 @@ def _in_words(kind: Any) -> str:
         members = typing.get_args(kind)
         if members[-1] is Ellipsis:
             return f"list of {_in_words(members[0])}s"
-        return f"[{', '.join(_in_words(each) for each in members)}]"
+        return f"[{', '.join(_in_words(member) for member in members)}]"
     return "table" if _is_table(kind) else _WORDS.get(kind, str(kind))
 
 

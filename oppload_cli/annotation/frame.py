@@ -320,7 +320,7 @@ def _fitting(names: list[str], alarming: Sequence[str], room: int, text: int) ->
         return names
     room -= _width_of(f"+{len(names)}", text) + text
     kept: set[str] = set()
-    for name in sorted(names, key=lambda each: each not in alarming):
+    for name in sorted(names, key=lambda name: name not in alarming):
         if widths[name] > room:
             break
         room -= widths[name]
@@ -383,7 +383,7 @@ def draw_detections(
 
 def _fill(picture: Bgr, edges: tuple[int, int, int, int], paint: _Paint) -> None:
     """Fill the columns from `left` up to `right`, without it, and the rows likewise."""
-    left, top, right, bottom = (max(0, each) for each in edges)
+    left, top, right, bottom = (max(0, edge) for edge in edges)
     picture[top:bottom, left:right] = paint
 
 

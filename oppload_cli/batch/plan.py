@@ -18,7 +18,7 @@ from oppload_cli.files.atomic import output_errors
 from oppload_cli.files.reading import content_of, reading
 from oppload_cli.files.tables import open_csv, rows_of
 from oppload_cli.processes.threads import Call
-from oppload_cli.results.alarms import ALARM_COLUMNS, MOST_IN_A_LINE, in_words, label_of
+from oppload_cli.results.alarm_log import ALARM_COLUMNS, MOST_IN_A_LINE, in_words, label_of
 from oppload_cli.video.inputs import (
     each_once,
     found_inputs,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from oppload_cli.pipeline.task import Outcome
-    from oppload_cli.results.alarms import Verdict
+    from oppload_cli.results.alarm_log import Verdict
 
 
 _STANDARD_INPUT = "-"

@@ -24,7 +24,7 @@ from oppload_cli.files.atomic import PART
 from oppload_cli.models.columns import RMO
 from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
-from oppload_cli.results.reading import BaseResult, find_video, read_result
+from oppload_cli.results.result_files import BaseResult, find_video, read_result
 from oppload_cli.results.truths import truth_fault
 from oppload_cli.results.tuning import is_tuning
 from oppload_cli.video.span import parse_position

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Never
 from oppload_cli.cli import on_terminal, progress_bar, say
 from oppload_cli.errors import counted, printable
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.alarms import MOST_IN_A_LINE, Verdict, in_words, label_of, times, uncounted
+from oppload_cli.results.alarm_log import (
+    MOST_IN_A_LINE,
+    Verdict,
+    in_words,
+    label_of,
+    times,
+    uncounted,
+)
 from oppload_cli.video.frames import sizes_in_words
 from oppload_cli.video.inputs import is_camera_or_stream
 

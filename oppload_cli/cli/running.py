@@ -55,7 +55,7 @@ from oppload_cli.pipeline.task import (
     Task,
     exists_already,
 )
-from oppload_cli.results.alarms import ALARM_COLUMNS, write_alarms
+from oppload_cli.results.alarm_log import ALARM_COLUMNS, write_alarms
 from oppload_cli.video.inputs import GROUND_TRUTH, is_real_time, left_out
 
 if sys.platform == "win32":

@@ -138,7 +138,7 @@ class _Plan:
 
     def __init__(self, kernels: Kernels) -> None:
         quadrants = [_quadrants(kernels.excitation, {})]
-        quadrants += [_quadrants(each, kernels.odd_masks) for each in kernels.inhibition]
+        quadrants += [_quadrants(kernel, kernels.odd_masks) for kernel in kernels.inhibition]
         stages, taps, offsets = [], [], []
         for age, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
             # The nearest values first, which inhibit most; each part takes every n-th of them.
@@ -206,7 +206,7 @@ def _presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: S
     if outputs is None or outputs.axes != plan.axes:
         outputs = _outputs[out] = _Outputs(out, plan.axes)
     shape = photoreceptors[0].shape[0], photoreceptors[0].shape[1]
-    maps = [_address(each) for each in photoreceptors]
+    maps = [_address(photoreceptor) for photoreceptor in photoreceptors]
     arguments = *maps, *shape, *plan.arguments, *outputs.arguments
     scratch, filled = plan.scratch(len(_bands_of(shape))), outputs.filled
     compute = _library().presynaptic_sums
@@ -231,8 +231,8 @@ def _pool(maps: Sequence[Floats], down: Floats, across: Floats) -> Floats:
     half = np.empty((rows, width), np.float32)
     out = np.empty((len(maps), rows, columns), np.float32)
     shared = height, width, _address(down), rows, _address(across), columns, _address(half)
-    for each, to in zip(maps, _addresses(out), strict=True):
-        _library().pool(_address(each), *shared, to)
+    for source, to in zip(maps, _addresses(out), strict=True):
+        _library().pool(_address(source), *shared, to)
     return out
 
 

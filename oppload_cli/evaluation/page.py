@@ -17,7 +17,7 @@ from oppload_cli.evaluation.manifest import STIMULI
 from oppload_cli.evaluation.metrics.alarms import AT_ONE
 from oppload_cli.evaluation.plots import PLOTS
 from oppload_cli.files.html import embedded, rendered
-from oppload_cli.results.alarms import times
+from oppload_cli.results.alarm_log import times
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Position, Span

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from oppload_cli.plots.tuning_curves import Request, TuningCurve
-    from oppload_cli.results.reading import Series
+    from oppload_cli.results.result_files import Series
     from oppload_cli.results.tuning import Tuning
 
     Peaks = Mapping[Any, float]  # by axis in degrees

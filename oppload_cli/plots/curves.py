@@ -27,7 +27,7 @@ from oppload_cli.plots.panels import (
     panels_of,
     shared_truth,
 )
-from oppload_cli.results.reading import BaseResult
+from oppload_cli.results.result_files import BaseResult
 from oppload_cli.results.truths import sizes_in
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
     from oppload_cli.plots.panels import Curve
-    from oppload_cli.results.reading import Series
+    from oppload_cli.results.result_files import Series
     from oppload_cli.results.truths import Truth
 
     Panels = Sequence[Sequence[Curve]]

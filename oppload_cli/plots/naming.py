@@ -13,7 +13,7 @@ from oppload_cli.results.tuning import Tuning
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from oppload_cli.results.reading import BaseResult
+    from oppload_cli.results.result_files import BaseResult
 
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")

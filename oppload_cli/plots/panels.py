@@ -14,8 +14,8 @@ from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots import style
 from oppload_cli.plots.naming import in_number_order, labels_of
-from oppload_cli.results.alarms import uncounted, uncounted_in
-from oppload_cli.results.reading import alarm_rows, frame_ends, known_threshold
+from oppload_cli.results.alarm_log import uncounted, uncounted_in
+from oppload_cli.results.result_files import alarm_rows, frame_ends, known_threshold
 from oppload_cli.results.truths import contacts_of, stated_contact, usable_truth
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from oppload_cli.results.reading import BaseResult, Series
+    from oppload_cli.results.result_files import BaseResult, Series
     from oppload_cli.results.truths import Truth
 
 SCALES = ("threshold", "peak", "raw")

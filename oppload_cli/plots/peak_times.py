@@ -19,7 +19,7 @@ from oppload_cli.plots.tuning_curves import (
 )
 from oppload_cli.reference import AngularThreshold, angular_thresholds
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.stimulus.tables import Display
+from oppload_cli.stimulus.protocol_tables import Display
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from oppload_cli.results.reading import Series
+    from oppload_cli.results.result_files import Series
     from oppload_cli.results.tuning import Tuning
 
 

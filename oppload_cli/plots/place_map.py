@@ -11,9 +11,9 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.detector import Box, Detector
 from oppload_cli.models.registry import detector_named, detectors, placing_detector
 from oppload_cli.plots import style
-from oppload_cli.results.alarms import times
+from oppload_cli.results.alarm_log import times
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import BaseResult, known_threshold
+from oppload_cli.results.result_files import BaseResult, known_threshold
 from oppload_cli.results.truths import usable_truth
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Position, Span
@@ -34,7 +34,7 @@ def still_of(result: BaseResult, video: str, *, model: str | None = None) -> Sti
     result : Result
         A result with the places of a detector.
     video : str
-        The name of the video, such as :func:`oppload_cli.results.reading.find_video` returns.
+        The name of the video, such as :func:`oppload_cli.results.result_files.find_video` returns.
     model : str, optional
         The detector of the peak; by default the first detector of the result that has places.
 

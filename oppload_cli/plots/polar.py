@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
-    from oppload_cli.results.reading import Series
+    from oppload_cli.results.result_files import Series
     from oppload_cli.results.tuning import Tuning
 
 _NARROW = 30  # characters in a line above a small plot

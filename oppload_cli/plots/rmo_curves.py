@@ -11,7 +11,7 @@ from oppload_cli.models.columns import RMO
 from oppload_cli.plots import style
 from oppload_cli.plots.naming import labels_of
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import BaseResult
+from oppload_cli.results.result_files import BaseResult
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from oppload_cli.models.detector import Detector
-    from oppload_cli.results.reading import Series
+    from oppload_cli.results.result_files import Series
     from oppload_cli.results.tuning import Tuning
 
 

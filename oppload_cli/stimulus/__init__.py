@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.files import Written, file_stem, write
     from oppload_cli.stimulus.objects import Brightness, Growth, Motion, Object
     from oppload_cli.stimulus.protocol import Protocol, json_schema
+    from oppload_cli.stimulus.protocol_tables import Camera, Display, Effects, Scene, Timing
     from oppload_cli.stimulus.renderer import Renderer, StimulusFrame, frames
-    from oppload_cli.stimulus.tables import Camera, Display, Effects, Scene, Timing
     from oppload_cli.stimulus.truth import (
         FrameTruth,
         ObjectTruth,
@@ -45,7 +45,7 @@ _MODULES = {
     "objects": ("Brightness", "Growth", "Motion", "Object"),
     "protocol": ("Protocol", "json_schema"),
     "renderer": ("Renderer", "StimulusFrame", "frames"),
-    "tables": ("Camera", "Display", "Effects", "Scene", "Timing"),
+    "protocol_tables": ("Camera", "Display", "Effects", "Scene", "Timing"),
     "truth": (
         *("FrameTruth", "ObjectTruth", "PictureTruth"),
         *("frame_truth", "ground_truth", "read_ground_truth"),

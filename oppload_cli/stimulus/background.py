@@ -19,9 +19,9 @@ from oppload_cli.errors import StimulusError, faults_at, nearest, reason_of
 from oppload_cli.files.reading import is_file
 from oppload_cli.stimulus.courses import AHEAD, RIGHT, UP
 from oppload_cli.stimulus.patterns import noise_tile
+from oppload_cli.stimulus.protocol_tables import SURROUNDINGS, Display, Scene
 from oppload_cli.stimulus.staging import CameraView, camera_of, view_of
 from oppload_cli.stimulus.surfaces import Placed, Surface, Texture
-from oppload_cli.stimulus.tables import SURROUNDINGS, Display, Scene
 from oppload_cli.video.images import read_transparent
 from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER
 from oppload_cli.video.source import open_video

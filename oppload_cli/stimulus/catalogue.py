@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import ParameterError, StimulusError, nearest, suggestion
 from oppload_cli.files.reading import is_file, path_of, reading, text_of
 from oppload_cli.stimulus.protocol import Protocol
-from oppload_cli.stimulus.tables import (
+from oppload_cli.stimulus.protocol_tables import (
     SURROUNDINGS,
     WORDS,
     excluded_by,
@@ -168,7 +168,9 @@ class Entry:
         """Return the sweep with the values of the wanted members alone."""
         members = self.values().values()
         return {
-            dotted: [value for value in values if any(each[dotted] == value for each in members)]
+            dotted: [
+                value for value in values if any(member[dotted] == value for member in members)
+            ]
             for dotted, values in self.sweep.items()
         }
 
@@ -429,7 +431,7 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
     Examples
     --------
     >>> from oppload_cli import stimulus
-    >>> [each.name for each in stimulus.load_all("controls/looming-square")]
+    >>> [protocol.name for protocol in stimulus.load_all("controls/looming-square")]
     ['controls/looming-square/axis-0', 'controls/looming-square/axis-45']
     """
     if not isinstance(settings, Mapping | None):
@@ -438,7 +440,9 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
         )
     originals = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
     changed = [entry.with_settings(settings or {}, "settings") for entry in originals]
-    return [each for entry in changed for each in entry.with_changes_described().protocols()]
+    return [
+        protocol for entry in changed for protocol in entry.with_changes_described().protocols()
+    ]
 
 
 def parsed_settings(texts: Iterable[str]) -> dict[str, Any]:

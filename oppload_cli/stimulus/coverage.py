@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Window:
+class PixelWindow:
     """A rectangle of pixels of the display: rows top to bottom, columns left to right."""
 
     top: int
@@ -34,7 +34,7 @@ class Window:
     right: int
 
     @classmethod
-    def around(cls, low: ArrayLike, high: ArrayLike, height: int, width: int) -> Window:
+    def around(cls, low: ArrayLike, high: ArrayLike, height: int, width: int) -> PixelWindow:
         """Return the pixels of the display that the box between two corners (x, y) touches."""
         left, top = np.clip(np.floor(low), 0, (width, height)).astype(int).tolist()
         right, bottom = np.clip(np.ceil(high), 0, (width, height)).astype(int).tolist()
@@ -51,7 +51,7 @@ class Window:
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
 
-def shape_coverage(projection: Projection, obj: Object, pose: Pose) -> tuple[Window, Floats]:
+def shape_coverage(projection: Projection, obj: Object, pose: Pose) -> tuple[PixelWindow, Floats]:
     """Return the area coverage of a shape in a pose, as :func:`polygon_coverage` does."""
     if obj.kind not in {"disk", "patch", "ring"}:
         return polygon_coverage(corners_of(projection, obj, pose), *projection.shape)
@@ -66,7 +66,7 @@ def shape_coverage(projection: Projection, obj: Object, pose: Pose) -> tuple[Win
     return window, np.maximum(coverage, 0.0)
 
 
-def polygon_coverage(corners: ArrayLike, height: int, width: int) -> tuple[Window, Floats]:
+def polygon_coverage(corners: ArrayLike, height: int, width: int) -> tuple[PixelWindow, Floats]:
     """Return the area coverage of a simple polygon.
 
     Parameters
@@ -78,13 +78,13 @@ def polygon_coverage(corners: ArrayLike, height: int, width: int) -> tuple[Windo
 
     Returns
     -------
-    Window
+    PixelWindow
         The pixels of the display that the polygon may touch.
     ndarray
         float64 of the window's shape, 0 to 1.
     """
     points = np.asarray(corners, dtype=np.float64)
-    window = Window.around(points.min(axis=0), points.max(axis=0), height, width)
+    window = PixelWindow.around(points.min(axis=0), points.max(axis=0), height, width)
     pieces = [
         _line_pieces(start, stop, window)
         for start, stop in zip(points, np.roll(points, -1, axis=0), strict=True)
@@ -95,7 +95,7 @@ def polygon_coverage(corners: ArrayLike, height: int, width: int) -> tuple[Windo
 
 def disk_coverage(
     x: ArrayLike, y: ArrayLike, radius: float, height: int, width: int
-) -> tuple[Window, Floats]:
+) -> tuple[PixelWindow, Floats]:
     """Return the area coverage of disks of one size, as :func:`polygon_coverage` does.
 
     The coverages of overlapping disks are added, up to 1.
@@ -111,7 +111,7 @@ def disk_coverage(
     """
     cx, cy = (np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in (x, y))
     low, high = (cx.min() - radius, cy.min() - radius), (cx.max() + radius, cy.max() + radius)
-    window = Window.around(low, high, height, width)
+    window = PixelWindow.around(low, high, height, width)
     angles = _crossing_angles(cx, cy, radius, window)
     first, last = angles[:, :-1], angles[:, 1:]
     dy = radius * (np.sin(last) - np.sin(first))
@@ -123,7 +123,7 @@ def disk_coverage(
     return window, _filled(window, dy.ravel(), x_dy.ravel(), column.ravel(), row.ravel())
 
 
-def _crossing_angles(cx: Floats, cy: Floats, radius: float, window: Window) -> Floats:
+def _crossing_angles(cx: Floats, cy: Floats, radius: float, window: PixelWindow) -> Floats:
     """Return the sorted angles at which circles cross pixel borders: (n, pieces + 1)."""
     by_column = np.arccos(_border_offsets(cx, radius, window.left, window.right))
     by_row = np.arcsin(_border_offsets(cy, radius, window.top, window.bottom))
@@ -143,7 +143,7 @@ def _border_offsets(centre: Floats, radius: float, low: int, high: int) -> Float
     return np.clip((borders - centre[:, None]) / max(radius, 1e-12), -1.0, 1.0)
 
 
-def _line_pieces(start: Floats, stop: Floats, window: Window) -> tuple[Floats, ...]:
+def _line_pieces(start: Floats, stop: Floats, window: PixelWindow) -> tuple[Floats, ...]:
     """Cut a line at pixel borders; return dy, integral of x dy, column and row of each piece."""
     step = stop - start
     cuts = [np.array([0.0, 1.0])]
@@ -161,7 +161,7 @@ def _line_pieces(start: Floats, stop: Floats, window: Window) -> tuple[Floats, .
     return dy, middle_x * dy, np.floor(middle_x), np.floor(middle_y)
 
 
-def _filled(window: Window, dy: Floats, x_dy: Floats, column: Floats, row: Floats) -> Floats:
+def _filled(window: PixelWindow, dy: Floats, x_dy: Floats, column: Floats, row: Floats) -> Floats:
     """Add up the areas to the right of all pieces; `dy` gives them their signs."""
     height, width = window.shape
     if not height or not width:

@@ -215,7 +215,7 @@ def _paths(protocol: Protocol, directory: Path, form: str) -> tuple[Path, Path, 
 
 def _in_other_formats(protocol: Protocol, directory: Path, form: str) -> list[Path]:
     """Return the videos of a stimulus in other formats that share its ground truth."""
-    paths = [_paths(protocol, directory, each)[0] for each in FORMATS if each != form]
+    paths = [_paths(protocol, directory, other)[0] for other in FORMATS if other != form]
     # A folder of this name may hold anything else, such as results.
     return [path for path in paths if is_file(path) or is_file(path / IMAGE.format(0))]
 

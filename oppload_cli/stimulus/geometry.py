@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from oppload_cli.stimulus.objects import Object
-    from oppload_cli.stimulus.tables import Display
+    from oppload_cli.stimulus.protocol_tables import Display
 
     Point = tuple[float, float]
 

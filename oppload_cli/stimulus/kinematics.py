@@ -29,7 +29,7 @@ from oppload_cli.stimulus.objects import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from oppload_cli.stimulus.tables import Camera, ProtocolTables
+    from oppload_cli.stimulus.protocol_tables import Camera, ProtocolTables
 
 _Vector = tuple[float, float]
 _STILL: _Vector = (0.0, 0.0)

@@ -20,8 +20,8 @@ from oppload_cli.errors import StimulusError, faults_at, suggestion
 from oppload_cli.schema import REQUIRED, DeclaredTable, Parameter
 from oppload_cli.stimulus.kinematics import ROUNDING_S, pose_of
 from oppload_cli.stimulus.objects import FIELDS, GRATINGS, PICTURE, Motion, Object
+from oppload_cli.stimulus.protocol_tables import TABLES, ProtocolTables, Scene
 from oppload_cli.stimulus.staging import check_stage, may_show
-from oppload_cli.stimulus.tables import TABLES, ProtocolTables, Scene
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -83,8 +83,8 @@ class Protocol(ProtocolTables):
         if not isinstance(listed, list) or not (listed or staged):
             raise StimulusError(f"{where}: there is no object; add one as [[object]]")
         top["objects"] = [
-            Object.from_table(each, f"{where}: {_called(each, number)}")
-            for number, each in enumerate(listed, 1)
+            Object.from_table(obj, f"{where}: {_called(obj, number)}")
+            for number, obj in enumerate(listed, 1)
         ]
         return super().from_table(top, where)
 
@@ -295,7 +295,7 @@ def _without_growth(protocol: Protocol, obj: Object) -> Iterator[str]:
     display = protocol.display
     diagonal = display.angle_of(math.hypot(display.width, display.height))
     # Before and after the motion the size stays the same.
-    start, end = (float(display.frame_rate) * each for each in protocol.motion_of(obj))
+    start, end = (float(display.frame_rate) * time for time in protocol.motion_of(obj))
     first = max(0, math.floor(start) - 1)
     last = min(math.ceil(end) + 1, protocol.frame_count - 1)
     times = [protocol.time_of(frame) for frame in range(first, last + 1)]
@@ -339,11 +339,11 @@ def _greatest_step(protocol: Protocol, obj: Object) -> float:
 
 
 def _table_schema(table: type[DeclaredTable], kind: str | None = None) -> dict[str, Any]:
-    keys = [each for each in table.declared() if not each.kinds or kind in (None, *each.kinds)]
-    properties = {each.name: _key_schema(each) for each in keys}
+    keys = [key for key in table.declared() if not key.kinds or kind in (None, *key.kinds)]
+    properties = {key.name: _key_schema(key) for key in keys}
     if kind is not None:
         properties["kind"] = {"const": kind}
-    required = [each.name for each in keys if each.default is REQUIRED or kind in each.needed_by]
+    required = [key.name for key in keys if key.default is REQUIRED or kind in key.needed_by]
     return {
         "type": "object",
         "properties": properties,
@@ -352,19 +352,19 @@ def _table_schema(table: type[DeclaredTable], kind: str | None = None) -> dict[s
     }
 
 
-def _key_schema(each: Parameter) -> dict[str, Any]:
-    schema = _type_schema(each, each.type)
-    unit = f" [{each.unit}]" if each.unit else ""
-    schema["description"] = f"{each.meaning}{unit}"
-    if isinstance(each.default, bool | int | float | str):
-        schema["default"] = each.default
+def _key_schema(key: Parameter) -> dict[str, Any]:
+    schema = _type_schema(key, key.type)
+    unit = f" [{key.unit}]" if key.unit else ""
+    schema["description"] = f"{key.meaning}{unit}"
+    if isinstance(key.default, bool | int | float | str):
+        schema["default"] = key.default
     return schema
 
 
-def _type_schema(each: Parameter, kind: Any) -> dict[str, Any]:
+def _type_schema(key: Parameter, kind: Any) -> dict[str, Any]:
     if typing.get_origin(kind) is tuple:
         members = typing.get_args(kind)
-        listed: dict[str, Any] = {"type": "array", "items": _type_schema(each, members[0])}
+        listed: dict[str, Any] = {"type": "array", "items": _type_schema(key, members[0])}
         if members[-1] is not Ellipsis:
             listed |= {"minItems": len(members), "maxItems": len(members)}
         return listed
@@ -375,9 +375,9 @@ def _type_schema(each: Parameter, kind: Any) -> dict[str, Any]:
         return {"oneOf": [_table_schema(kind, str(choice)) for choice in choices[0]]}
     if kind in {str, bool}:
         plain = {"type": "string" if kind is str else "boolean"}
-        return plain | ({"enum": list(each.choices)} if each.choices else {})
+        return plain | ({"enum": list(key.choices)} if key.choices else {})
     number: dict[str, Any] = {"type": "integer" if kind is int else "number"}
-    bounds = {"minimum": each.low, "exclusiveMinimum": each.above, "maximum": each.high}
+    bounds = {"minimum": key.low, "exclusiveMinimum": key.above, "maximum": key.high}
     number |= {name: bound for name, bound in bounds.items() if bound is not None}
     if kind is Fraction:
         return {"anyOf": [number, {"type": "string", "pattern": r"^[0-9]+([./][0-9]+)?$"}]}

@@ -16,7 +16,7 @@ import numpy as np
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.background import Drawn, background_of
 from oppload_cli.stimulus.courses import AHEAD, RIGHT, UP
-from oppload_cli.stimulus.coverage import Window, disk_coverage, shape_coverage
+from oppload_cli.stimulus.coverage import PixelWindow, disk_coverage, shape_coverage
 from oppload_cli.stimulus.geometry import Pose, Projection, exact
 from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
 from oppload_cli.stimulus.objects import GRATINGS, PICTURE, Object
@@ -223,11 +223,11 @@ class _Painter:
             # In float32, 0.5 + (0.1 - 0.5) is less than 0.1, and becomes another grey level.
             np.copyto(part, colours, where=share == 1)
 
-    def _colours(self, pose: Pose, _window: Window) -> Picture:
+    def _colours(self, pose: Pose, _window: PixelWindow) -> Picture:
         """Return the luminance of the object's pixels, float32; a shape of one luminance has ()."""
         return np.array(pose.luminance, dtype=np.float32)
 
-    def _coverage(self, pose: Pose) -> tuple[Window, Floats]:
+    def _coverage(self, pose: Pose) -> tuple[PixelWindow, Floats]:
         """Return the share of each pixel that the object covers."""
         return shape_coverage(self.projection, self.obj, pose)
 
@@ -248,7 +248,7 @@ class _PatchPainter(_Painter):
         disk = tile[np.hypot(offsets, offsets[:, None]) < 0.5]
         return Tile((tile - disk.mean()) / disk.std())
 
-    def _colours(self, pose: Pose, window: Window) -> Picture:
+    def _colours(self, pose: Pose, window: PixelWindow) -> Picture:
         (x, y), (ahead, behind) = self.projection.middle_of(pose)
         size = max(ahead + behind, 1e-9)
         angle = math.radians(pose.orientation_deg)
@@ -263,14 +263,14 @@ class _PatchPainter(_Painter):
 class _PatternPainter(_Painter):
     """Paints an even field; the base class of painters that fill the display or an aperture."""
 
-    def _coverage(self, _pose: Pose) -> tuple[Window, Floats]:
+    def _coverage(self, _pose: Pose) -> tuple[PixelWindow, Floats]:
         return self._aperture
 
     @cached_property
-    def _aperture(self) -> tuple[Window, Floats]:
+    def _aperture(self) -> tuple[PixelWindow, Floats]:
         size = self.obj.size_deg
         if size is None:
-            return Window(0, self.height, 0, self.width), np.ones((1, 1))
+            return PixelWindow(0, self.height, 0, self.width), np.ones((1, 1))
         centre = self.projection.to_px(*aperture_centre(self.protocol, self.obj))
         return disk_coverage(*centre, self.projection.reach(size / 2), self.height, self.width)
 
@@ -287,7 +287,7 @@ class _PatternPainter(_Painter):
         ratio = np.where(distance > 0, np.arctan(distance) / np.maximum(distance, 1e-12), 1.0)
         return x * ratio, y * ratio
 
-    def _pattern_grid(self, pose: Pose, window: Window) -> tuple[Floats, Floats]:
+    def _pattern_grid(self, pose: Pose, window: PixelWindow) -> tuple[Floats, Floats]:
         """Return the pixels' positions on the pattern, in degrees along its axis and across it.
 
         The arrays are (1, w) and (h, 1) if the axis is 0 degrees and the projection flat.
@@ -307,7 +307,7 @@ class _PatternPainter(_Painter):
 class _GratingPainter(_PatternPainter):
     """Paints square and sine gratings and plaids."""
 
-    def _colours(self, pose: Pose, window: Window) -> Picture:
+    def _colours(self, pose: Pose, window: PixelWindow) -> Picture:
         obj = self.obj
         if obj.kind != "plaid":
             wave = self._wave(pose, window, 0.0)
@@ -317,9 +317,9 @@ class _GratingPainter(_PatternPainter):
         luminance = pose.luminance * (1 + obj.contrast * wave)
         return np.broadcast_to(luminance, window.shape).astype(np.float32)
 
-    def _wave(self, pose: Pose, window: Window, turn_deg: float) -> Floats:
+    def _wave(self, pose: Pose, window: PixelWindow, turn_deg: float) -> Floats:
         # A gradient needs neighbours, and a window may be one pixel wide.
-        display = Window(0, self.height, 0, self.width)
+        display = PixelWindow(0, self.height, 0, self.width)
         x, y = self._pattern_grid(pose, display if self.projection.perspective else window)
         turn, period = math.radians(turn_deg), self.obj.period_deg or 1.0
         phase = (x * math.cos(turn) + y * math.sin(turn)) / period
@@ -356,7 +356,7 @@ class _TexturePainter(_PatternPainter):
         wavelength = max(finest / self._tile_deg * side, 2.0)
         return Tile(noise_tile(side, self.obj.exponent, wavelength, random))
 
-    def _colours(self, pose: Pose, window: Window) -> Picture:
+    def _colours(self, pose: Pose, window: PixelWindow) -> Picture:
         x, y = self._pattern_grid(pose, window)
         per_pixel = self._tile.levels[0].shape[0] / self._tile_deg
         per_pixel /= self.projection.scale * pose.zoom
@@ -375,7 +375,7 @@ class _DotsPainter(_PatternPainter):
         smallest = min(1.0, math.exp(motion.zoom_per_s * duration)) if motion else 1.0
         return DotField(self.obj, self.protocol.seed, view / smallest)
 
-    def _colours(self, pose: Pose, window: Window) -> Picture:
+    def _colours(self, pose: Pose, window: PixelWindow) -> Picture:
         places = self._dots.positions(pose)
         x, y = np.transpose([self.projection.to_px(*place) for place in places])
         radius = self.projection.reach((self.obj.dot_deg or 0.0) / 2)

@@ -23,7 +23,7 @@ from oppload_cli.stimulus.kinematics import (
     shape_may_show,
 )
 from oppload_cli.stimulus.objects import PICTURE, Object
-from oppload_cli.stimulus.tables import Camera, ProtocolTables
+from oppload_cli.stimulus.protocol_tables import Camera, ProtocolTables
 
 NEAREST_M = 0.01  # a picture that is nearer to the camera is not drawn
 _DEFAULT_CAMERA = Camera()

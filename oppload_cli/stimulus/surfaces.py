@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.stimulus.coverage import Window
+from oppload_cli.stimulus.coverage import PixelWindow
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -96,7 +96,7 @@ class Texture:
 class Placed(NamedTuple):
     """The points of a surface that the pixels of a window show."""
 
-    window: Window
+    window: PixelWindow
     u: Floats  # float64 (h, w), like v: position on the surface in metres
     v: Floats
     depth: Floats  # float64 (h, w): metres along the camera's axis; 0 if the surface is not seen
@@ -127,7 +127,7 @@ class Surface:
         rays = camera @ np.array([[1 / eye, 0, -x / eye], [0, -1 / eye, y / eye], [0, 0, 1.0]])
         return np.asarray(np.linalg.solve(on_surface, rays))
 
-    def _window(self, view: CameraView) -> Window:
+    def _window(self, view: CameraView) -> PixelWindow:
         """Return the part of the display that the surface may touch.
 
         The part is empty if the camera lies in the plane of the surface, or if the surface lies
@@ -135,23 +135,25 @@ class Surface:
         """
         distance = np.subtract(self.origin, view.place) @ np.cross(self.right, self.up)
         if abs(distance) < _NEAREST_M:
-            return Window(0, 0, 0, 0)
+            return PixelWindow(0, 0, 0, 0)
         height, width = view.projection.shape
         if self.extent is None:
-            return Window(0, height, 0, width)
+            return PixelWindow(0, height, 0, width)
         u0, v0, u1, v1 = self.extent
         corners = np.array([(u, v, 1.0) for u in (u0, u1) for v in (v0, v1)])
         x, y, over = np.linalg.solve(self._matrix(view), corners.T)
         if over.max() <= 0:
-            return Window(0, 0, 0, 0)
+            return PixelWindow(0, 0, 0, 0)
         if over.min() <= 0:  # a corner beside or behind the camera
-            return Window(0, height, 0, width)
+            return PixelWindow(0, height, 0, width)
         x, y = x / over, y / over
         # Averaging spreads transparent edges over a few more pixels.
         low, high = (x.min() - 3, y.min() - 3), (x.max() + 3, y.max() + 3)
-        return Window.around(low, high, height, width)
+        return PixelWindow.around(low, high, height, width)
 
-    def _points(self, view: CameraView, window: Window) -> tuple[Floats, Floats, Floats, Floats]:
+    def _points(
+        self, view: CameraView, window: PixelWindow
+    ) -> tuple[Floats, Floats, Floats, Floats]:
         """Return u, v, depth and steps as of :class:`Placed`, for each pixel of a window."""
         m = self._matrix(view)
         x = np.arange(window.left, window.right)[None, :] + 0.5
@@ -182,7 +184,9 @@ class Surface:
             return None
         rows, columns = part
         top, left = window.top, window.left
-        inner = Window(top + rows.start, top + rows.stop, left + columns.start, left + columns.stop)
+        inner = PixelWindow(
+            top + rows.start, top + rows.stop, left + columns.start, left + columns.stop
+        )
         steps = steps[:, rows, columns]
         return Placed(inner, u[part], v[part], depth[part], steps, covered[part])
 

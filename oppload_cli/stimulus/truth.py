@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from oppload_cli.stimulus.tables import Display
+    from oppload_cli.stimulus.protocol_tables import Display
 
 
 _SCHEMA = "oppload.stimulus/1"

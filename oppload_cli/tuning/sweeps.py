@@ -16,7 +16,7 @@ from oppload_cli.errors import ParameterError, StimulusError, faults_at, suggest
 from oppload_cli.pipeline.settings import Settings, check_assignments, resolve
 from oppload_cli.results.tuning import direction_of
 from oppload_cli.stimulus.catalogue import Entry, find
-from oppload_cli.stimulus.tables import key_of, value_at
+from oppload_cli.stimulus.protocol_tables import key_of, value_at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

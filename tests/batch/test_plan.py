@@ -21,7 +21,7 @@ from oppload_cli.batch.plan import (
 from oppload_cli.errors import ParameterError
 from oppload_cli.pipeline.task import Outcome
 from oppload_cli.processes import threads
-from oppload_cli.results.alarms import in_words, verdicts_in, write_alarms
+from oppload_cli.results.alarm_log import in_words, verdicts_in, write_alarms
 
 
 @pytest.fixture

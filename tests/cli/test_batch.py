@@ -22,7 +22,7 @@ from oppload_cli.errors import printable
 from oppload_cli.files import atomic
 from oppload_cli.files.atomic import PartFile
 from oppload_cli.pipeline.task import Interrupted, Outcome
-from oppload_cli.results.alarms import ALARM_COLUMNS, verdicts_in
+from oppload_cli.results.alarm_log import ALARM_COLUMNS, verdicts_in
 from tests.cli import process
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_film, write_video

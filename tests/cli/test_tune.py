@@ -9,7 +9,7 @@ import pytest
 from pandas import read_csv
 
 from oppload_cli.cli.tune import tune
-from oppload_cli.stimulus.tables import WORDS
+from oppload_cli.stimulus.protocol_tables import WORDS
 from oppload_cli.tuning.sweeps import FIGURES
 from tests.cli.inside import Done, oppload
 from tests.results.make import rows_of

@@ -34,7 +34,7 @@ from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.pipeline.analysis import pass_params
 from oppload_cli.pipeline.one_pass import _in_source
 from oppload_cli.pipeline.sources import ArrayLuminance, StimulusVideo, open_source
-from oppload_cli.results.alarms import AlarmLog
+from oppload_cli.results.alarm_log import AlarmLog
 from oppload_cli.video.frames import WorkingSize
 from oppload_cli.video.inputs import checked_rate
 from oppload_cli.video.span import Span, parse_position

@@ -16,7 +16,7 @@ from oppload_cli.pipeline import task as task_module
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import IfExists, Outcome, Outputs, Task, Writing, exists_already
-from oppload_cli.results.alarms import verdicts_in
+from oppload_cli.results.alarm_log import verdicts_in
 from oppload_cli.results.table import DetectionsFile
 from oppload_cli.video.span import Span, parse_position
 from tests.media import grey_frames, write_video

@@ -19,7 +19,7 @@ from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.curves import _binned, plot_curves
 from oppload_cli.plots.rmo_curves import plot_rmo
 from oppload_cli.plots.style import COLUMN, CYCLE, LEAST_SIZE, METADATA, MOST_HEIGHT, PAGE, save
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.result_files import read_result
 from oppload_cli.stimulus import ground_truth, load
 from tests.results.make import frame_rows, write_result, write_rows
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from oppload_cli.results.reading import BaseResult
+    from oppload_cli.results.result_files import BaseResult
 
 FLOORS = {"opplod_floor": 0.25, "dlgmd_floor": 1.0, "factor": 0}  # thresholds that do not move
 

@@ -15,7 +15,7 @@ from oppload_cli.models.registry import detectors
 from oppload_cli.plots import style
 from oppload_cli.plots.panels import CurveOptions, panels_of
 from oppload_cli.plots.style import image_bytes, looks_of, missing_characters, styled_figure
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.result_files import read_result
 from tests.results.make import write_result
 
 if TYPE_CHECKING:

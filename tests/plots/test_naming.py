@@ -14,12 +14,12 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.plots.naming import differences, in_number_order, labels_of
 from oppload_cli.plots.style import wrapped
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.result_files import read_result
 from oppload_cli.results.tuning import Tuning
 from tests.results.make import write_result
 
 if TYPE_CHECKING:
-    from oppload_cli.results.reading import BaseResult
+    from oppload_cli.results.result_files import BaseResult
 
 
 @pytest.mark.parametrize(

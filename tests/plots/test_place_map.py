@@ -11,14 +11,14 @@ from matplotlib.patches import Rectangle
 
 from oppload_cli.errors import ParameterError, ResultError, SourceError
 from oppload_cli.plots.place_map import plot_places, still_of
-from oppload_cli.results.reading import find_video, read_result
+from oppload_cli.results.result_files import find_video, read_result
 from tests.media import write_video
 from tests.results.make import frame_rows, write_result, write_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from oppload_cli.results.reading import BaseResult
+    from oppload_cli.results.result_files import BaseResult
 
 
 def result_of_video(folder: Path, video: str) -> BaseResult:

@@ -8,7 +8,7 @@ import pytest
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.rmo_curves import plot_rmo
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.result_files import read_result
 from tests.results.make import frame_rows, write_result, write_rows
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from oppload_cli.results.reading import BaseResult, known_threshold
+from oppload_cli.results.result_files import BaseResult, known_threshold
 
 
 def test_before_the_background_is_known_the_threshold_is_the_floor() -> None:

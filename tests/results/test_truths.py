@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from oppload_cli.errors import StimulusError
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.result_files import read_result
 from oppload_cli.results.truths import (
     contacts_of,
     find_truth,

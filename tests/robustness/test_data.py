@@ -28,8 +28,8 @@ from oppload_cli.errors import (
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.reading import content_of
 from oppload_cli.plots.style import wrapped
-from oppload_cli.results.alarms import ALARM_COLUMNS, write_alarms
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.alarm_log import ALARM_COLUMNS, write_alarms
+from oppload_cli.results.result_files import read_result
 from oppload_cli.results.tuning import is_tuning
 from oppload_cli.schema import parsed_fraction
 from oppload_cli.video.inputs import found_inputs

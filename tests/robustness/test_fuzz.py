@@ -15,7 +15,7 @@ from oppload_cli.cli import oppload
 from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.plots.curves import plot_curves
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.result_files import read_result
 from oppload_cli.video.inputs import each_once, result_stem
 from oppload_cli.video.span import parse_position
 

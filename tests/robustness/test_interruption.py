@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import OpploadError, ResultError
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.result_files import read_result
 from tests.cli.inside import oppload
 from tests.cli.process import ENTRY, at_terminal, shown_at, start, wait_for_rows
 from tests.media import grey_frames, write_film, write_video

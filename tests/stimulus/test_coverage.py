@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
+from oppload_cli.stimulus.coverage import PixelWindow, disk_coverage, polygon_coverage
 
 place = st.floats(20, 60)
 
@@ -85,4 +85,4 @@ def test_outside_of_the_display_there_is_nothing() -> None:
     assert disk_coverage(20, 20, 0, 40, 40)[1].sum() == 0
     # The window is the smallest one, also where the display is higher than wide.
     window, _ = disk_coverage(20.5, 70.2, 3, 80, 40)
-    assert window == Window(67, 74, 17, 24)
+    assert window == PixelWindow(67, 74, 17, 24)

@@ -15,8 +15,8 @@ from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus import PictureTruth, Renderer, background, frame_truth
 from oppload_cli.stimulus.courses import Course, Line
 from oppload_cli.stimulus.objects import DRAWINGS
+from oppload_cli.stimulus.protocol_tables import SURROUNDINGS
 from oppload_cli.stimulus.staging import view_of
-from oppload_cli.stimulus.tables import SURROUNDINGS
 from tests.media import write_video
 
 if TYPE_CHECKING:

@@ -12,9 +12,16 @@ from oppload_cli.detection.places import Detection
 from oppload_cli.errors import BusyError
 from oppload_cli.files import atomic
 from oppload_cli.models.detector import Box
-from oppload_cli.models.opplod_parameters import OpplodResponse
-from oppload_cli.results import alarms
-from oppload_cli.results.alarms import AlarmLog, Verdict, in_words, times, verdicts_in, write_alarms
+from oppload_cli.models.opplod import OpplodResponse
+from oppload_cli.results import alarm_log
+from oppload_cli.results.alarm_log import (
+    AlarmLog,
+    Verdict,
+    in_words,
+    times,
+    verdicts_in,
+    write_alarms,
+)
 from oppload_cli.results.table import FrameRecord
 from tests.results.make import rows_of
 
@@ -178,7 +185,7 @@ def test_of_two_batches_that_end_at_the_same_time_none_loses_rows(
             write_alarms(path, {"a.mp4": found}, stems)
         return []
 
-    monkeypatch.setattr(alarms, "rows_of", read_later)
+    monkeypatch.setattr(alarm_log, "rows_of", read_later)
     write_alarms(path, {"b.mp4": found}, stems)
 
 

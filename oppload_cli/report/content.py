@@ -12,9 +12,9 @@ from oppload_cli.files.atomic import PART
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.palette import INK, ink_on
-from oppload_cli.results.alarms import uncounted_in
+from oppload_cli.results.alarm_log import uncounted_in
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import (
+from oppload_cli.results.result_files import (
     alarm_rows,
     check_schema,
     frame_ends,
@@ -25,7 +25,7 @@ from oppload_cli.results.truths import contacts_of, find_truth, sizes_in
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
-    from oppload_cli.results.reading import BaseResult, Series
+    from oppload_cli.results.result_files import BaseResult, Series
 
     _Boxes = dict[int, list[list[Any]]]
 
@@ -35,7 +35,7 @@ _RMO_CURVES = ("rmo_index", "rmo_mean")
 _DETECTION = (*Box._fields, "centre_x", "centre_y", "id", "alarm", "time_to_contact_s")
 
 
-class Curve(NamedTuple):
+class RelativeCurve(NamedTuple):
     """The responses of a detector divided by its threshold."""
 
     name: str
@@ -61,7 +61,7 @@ class Curve(NamedTuple):
 
 
 class _AlarmSpan(NamedTuple):
-    curve: Curve
+    curve: RelativeCurve
     first: int  # row
     last: int  # row
     frame: int  # of the first row
@@ -80,7 +80,7 @@ class Content:
     """
 
     result: BaseResult
-    curves: list[Curve]
+    curves: list[RelativeCurve]
     alarms: list[_AlarmSpan]  # in the order of their first rows
     boxes: _Boxes  # by row
     box_colour: str  # of the boxes' detector
@@ -116,7 +116,7 @@ class Content:
         return cls(result, curves, alarms, boxes, colour, truth, notes)
 
     @property
-    def strongest(self) -> Curve:
+    def strongest(self) -> RelativeCurve:
         """The curve with the largest peak; curves over a threshold come before others."""
         return max(self.curves, key=lambda curve: (curve.thresholded, curve.peak))
 
@@ -192,15 +192,17 @@ class Content:
         }
 
 
-def _curve(result: BaseResult, name: str) -> Curve:
+def _curve(result: BaseResult, name: str) -> RelativeCurve:
     detector = detector_named(name)
     response = check_numbers(result.path, result.frames, f"{name}_response")
     threshold = known_threshold(result, name)
     over = threshold if threshold is not None else np.nanmax(response) or 1
-    return Curve(name, detector.label, detector.colour, response / over, threshold is not None)
+    return RelativeCurve(
+        name, detector.label, detector.colour, response / over, threshold is not None
+    )
 
 
-def _alarms(result: BaseResult, curve: Curve, boxes: _Boxes) -> list[_AlarmSpan]:
+def _alarms(result: BaseResult, curve: RelativeCurve, boxes: _Boxes) -> list[_AlarmSpan]:
     times = result.frames["time_s"].to_numpy(float)
     frames = result.frames["frame"].tolist()
     ends = frame_ends(times)
@@ -265,7 +267,7 @@ def _truth(result: BaseResult) -> dict[str, Any] | None:
     }
 
 
-def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
+def _notes(result: BaseResult, curves: list[RelativeCurve]) -> list[str]:
     notes = []
     if result.path.name.endswith(PART):
         notes.append("the run was interrupted; the page shows the frames that it had written")

@@ -21,9 +21,9 @@ from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.task import Interrupted, Outcome
 from oppload_cli.processes import threads
 from oppload_cli.report import writing
-from oppload_cli.report.page import Content, Curve
+from oppload_cli.report.content import Content, RelativeCurve
 from oppload_cli.report.writing import write_report
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.result_files import read_result
 from oppload_cli.stimulus import ground_truth, load
 from oppload_cli.video.source import source_of
 from oppload_cli.video.writers import Recording
@@ -200,7 +200,7 @@ def test_the_index_is_in_the_order_of_alarms_and_peaks(tmp_path: Path) -> None:
     # 240 wide and 48 high, from 100 times the threshold at 2 to 0.01 of it at 46.
     times = np.array([0.0, 0.1, 1, 1.001, 2, 3])
     values = np.array([np.nan, 0.001, 1, 0.1, 100, 10])
-    curve = Curve("opplod", "OppLoD", "#000000", values, thresholded=True)
+    curve = RelativeCurve("opplod", "OppLoD", "#000000", values, thresholded=True)
     assert writing._spark(curve, times) == "M8 46.0L80 24.0L160 2.0L239 13.0"
 
 

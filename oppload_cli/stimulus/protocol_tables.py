@@ -26,7 +26,7 @@ def _exact_sum(*seconds: float) -> Fraction:
     The time of a frame is a rounded fraction. A sum of floats could be slightly later than the
     frame at the same time.
     """
-    return sum((Fraction(repr(each)) for each in seconds), Fraction(0))
+    return sum((Fraction(repr(value)) for value in seconds), Fraction(0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,7 +304,7 @@ def key_of(
             f"{option} {word}: in {name} that is {' or '.join(keys)}; write a key in full"
         )
     names = dict.fromkeys(key.rpartition(".")[2] for key in WORDS[word])
-    known = [each for each in WORDS if len(_meant(each, table, sweep)) == 1]
+    known = [other for other in WORDS if len(_meant(other, table, sweep)) == 1]
     raise ParameterError(
         f"{option} {word}: no object of {name} has {' or '.join(names)}; choose "
         f"{', '.join(known)}, or a full key such as scene.rotation_deg"
@@ -341,15 +341,15 @@ def _full_keys(word: str, table: Mapping[str, Any]) -> str:
     The word may lack the unit: ``before`` stands for ``timing.before_s``.
     """
     owners: list[tuple[Any, type[DeclaredTable], Any]] = [
-        (each.name, each.table, "") for each in ProtocolTables.declared() if each.table
+        (key.name, key.table, "") for key in ProtocolTables.declared() if key.table
     ]
     owners += [(one.get("id"), Object, one.get("kind")) for one in _objects_of(table)]
     keys = [
-        f"'{owner}.{each.name}'"
+        f"'{owner}.{key.name}'"
         for owner, group, kind in owners
-        for each in group.declared()
-        if word == each.name or (each.unit and word == each.name.rsplit("_", 1)[0])
-        if not each.table and (not each.kinds or kind in each.kinds)
+        for key in group.declared()
+        if word == key.name or (key.unit and word == key.name.rsplit("_", 1)[0])
+        if not key.table and (not key.kinds or kind in key.kinds)
     ]
     return f"; did you mean {' or '.join(keys)}?" if keys else ""
 

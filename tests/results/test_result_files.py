@@ -9,7 +9,7 @@ import pytest
 
 from oppload_cli.errors import ResultError
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.reading import frame_ends, read_result
+from oppload_cli.results.result_files import frame_ends, read_result
 from oppload_cli.results.tuning import read_tuning
 from tests.results.make import frame_rows, write_rows, write_tuning
 
