@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from oppload_cli.plots.place_map import plot_places
     from oppload_cli.plots.rmo_curves import plot_rmo
     from oppload_cli.plots.tuning_plots import plot_tuning
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import DetectorRecord, FrameRecord
     from oppload_cli.results.tuning import Tuning, read_tuning
     from oppload_cli.schema import Parameters, parameter
     from oppload_cli.video.frames import Frame
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Alarm", "AlarmParams", "AlarmRule", "Analysis", "Box", "Column", "Detection", "Detector",
-    "DetectorBank", "Dlgmd", "DlgmdParams", "DlgmdResponse", "FlowDivergence",
+    "DetectorBank", "DetectorRecord", "Dlgmd", "DlgmdParams", "DlgmdResponse", "FlowDivergence",
     "FlowDivergenceParams", "Frame", "FrameDifference", "FrameDifferenceParams", "FrameRecord",
     "Layers", "OpploadError", "Opplod", "OpplodLplc2", "OpplodLplc2Params", "OpplodLplc2Response",
     "OpplodPaper", "OpplodPaperParams", "OpplodPaperResponse", "OpplodParams", "OpplodReference",
@@ -105,7 +105,7 @@ _MODULES = {
     "plots.place_map": ("plot_places",),
     "plots.rmo_curves": ("plot_rmo",),
     "plots.tuning_plots": ("plot_tuning",),
-    "results.table": ("FrameRecord",),
+    "results.record": ("DetectorRecord", "FrameRecord"),
     "results.tuning": ("Tuning", "read_tuning"),
     "schema": ("Parameters", "parameter"),
     "video.frames": ("Frame",),

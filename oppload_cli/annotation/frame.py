@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from oppload_cli.detection.places import Detection
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.frames import InputFacts
     from oppload_cli.video.writers import Bgr
 
@@ -184,17 +184,17 @@ class Strip:
         self._first_s = record.time_s if self._first_s is None else self._first_s
         self._now_s = record.time_s
         self._repeats = self._repeats + 1 if record.repeat else 0
-        if record.thresholds and all(map(math.isinf, record.thresholds.values())):
+        if all(math.isinf(said.threshold) for said in record.detectors.values()):
             self.scale = _OVER_LARGEST
         if not 0 < self._repeats <= _MOST_REPEATS:
             for name, points in self.points.items():
-                response, threshold = record.responses.get(name), record.thresholds.get(name)
+                response, threshold = record[name].response, record[name].threshold
                 ratio = None
                 if response is not None and threshold:
                     over_largest = self.scale is _OVER_LARGEST
-                    base = self._largest_of(name, response.response) if over_largest else threshold
-                    ratio = response.response / base
-                points.append(_Point(record.time_s, ratio, record.alarms.get(name, False)))
+                    base = self._largest_of(name, response) if over_largest else threshold
+                    ratio = response / base
+                points.append(_Point(record.time_s, ratio, record[name].alarm))
         for points in self.points.values():
             # One point before the left edge remains, so that the curve begins at the edge.
             while len(points) > 1 and points[1].time_s < self.start_s:
@@ -226,7 +226,7 @@ class Strip:
         self.add(record)
         layout = self._layout
         canvas[layout.header.y :] = _WHITE
-        alarming = [name for name in record.responses if record.alarms.get(name, False)]
+        alarming = [name for name, said in record.detectors.items() if said.alarm]
         _header(canvas, layout, record, alarming)
         plot = canvas[layout.plot.slices]
         for points in self.points.values():
@@ -292,8 +292,8 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
         _sign(canvas, "ALARM", (left, middle), text, INK)
     left += _width_of("ALARM", text, bold=True) + 2 * text
     right = area.x + area.width
-    labelled = _fitting(list(record.responses), alarming, right - left, text)
-    omitted = len(record.responses) - len(labelled)
+    labelled = _fitting(list(record.detectors), alarming, right - left, text)
+    omitted = len(record.detectors) - len(labelled)
     if omitted:
         more = f"+{omitted}"
         right -= _width_of(more, text) + text // 2

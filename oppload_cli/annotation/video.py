@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video
     from oppload_cli.video.writers import Bgr
@@ -140,7 +140,7 @@ class AnnotatedVideo:
         size = (layout.picture.width, layout.picture.height)
         same_size = picture.shape[1::-1] == size
         canvas[layout.picture.slices] = picture if same_size else cv2.resize(picture, size)
-        placing = placing_detector(record.responses)
+        placing = placing_detector(record.detectors)
         if placing is not None and self._boxes != "none":
             boxed = (found for found in record.detections if found.alarm or self._boxes == "all")
             draw_detections(canvas, layout, boxed, placing.colour)

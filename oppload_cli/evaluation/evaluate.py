@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.manifest import Entry, Manifest
     from oppload_cli.evaluation.metrics.clips import Numbers
     from oppload_cli.models.detector import Box
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.frames import DecodedSource, FrameSource
 
 
@@ -221,22 +221,20 @@ def outputs_of(
 
 def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Output:
     name = detector.name
-    responses = [record.responses.get(name) for record in records]
-    response = np.array([each and each.response for each in responses], float)
+    said = [record[name] for record in records]
+    response = np.array([one.response for one in said], float)
     alarm = None
     if detector.alarm.rule_of(name).floor is not None:
-        alarm = np.array([record.alarms.get(name, False) for record in records], bool)
+        alarm = np.array([one.alarm for one in said], bool)
     if not detector_named(name).places:
         return Output(response, response, alarm)
-    objects = [record.objects.get(name) for record in records]
-    contact_s = np.array([each and each.time_to_contact_s for each in objects], float)
     return Output(
         response,
-        np.array([record.evidence.get(name, np.nan) for record in records], float),
+        np.array([one.evidence for one in said], float),
         alarm,
-        _boxes(None if each is None else each.box for each in responses),
-        _boxes(each and each.box for each in objects),
-        contact_s,
+        _boxes(None if one.answer is None else one.answer.box for one in said),
+        _boxes(one.box for one in said),
+        np.array([one.contact_s for one in said], float),
     )
 
 

@@ -272,7 +272,7 @@ class OpplodLplc2(CellDetector):
     colour = "#009E73"
     evaluated = False  # if no version of OppLoD is chosen, two are evaluated
     year = 2026
-    reference = "oppload, fitted to Klapoetke et al., Nature 2017"
+    reference = "oppload 2026, fitted to Klapoetke et al., Nature 2017"
     answers_to = "outward motion from a centre, as LPLC2 neurons of the fruit fly do"
     made_for = "240 px high, 30 frames/s; other rates by its presentation times"
     cost_ms = 3.5

@@ -179,7 +179,7 @@ class OpplodPaper(Detector):
     year = 2023
     reference = "Shuang et al., OppLoD, arXiv:2302.10284"
     answers_to = "opposite motion in a zone, outward or inward, exactly about its middle"
-    made_for = "600 px high, 30 frames/s; counts frames"
+    made_for = "600 px high, 30 frames/s"
     cost_ms = 13.0
     meaning = "the paper's OppLoD to the letter: 25 units of 200 x 200 px, pixel by pixel"
     response_column = "", "sum of S_E over all zones; empty during warm-up"

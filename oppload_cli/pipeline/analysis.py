@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.pipeline.sources import Source, Times
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.frames import FrameSource
 
 
@@ -101,7 +101,7 @@ class Analysis:
     >>> for frame in range(26):  # a black disk on white, 0.17 s before it arrives
     ...     white = np.clip(np.hypot(x - 60, y - 45) - 60 / (30 - frame), 0, 1)
     ...     record = analysis.step(white, time_s=100 + frame / 30)
-    >>> record.alarms["opplod"], round(record.objects["opplod"].time_to_contact_s, 2)
+    >>> record["opplod"].alarm, round(record["opplod"].object.time_to_contact_s, 2)
     (True, 0.18)
     """
 
@@ -324,7 +324,7 @@ def analyse(
     --------
     >>> import oppload_cli as oppload
     >>> for record in oppload.analyse("controls/looming-perspective", rmo=False):
-    ...     if record.alarms["opplod"]:
+    ...     if record["opplod"].alarm:
     ...         print(f"alarm at {record.time_s:.2f} s")
     ...         break
     alarm at 1.23 s

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.pipeline.settings import Settings
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
     from oppload_cli.schema import Parameters
     from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
     from oppload_cli.video.source import Video
@@ -253,7 +253,7 @@ class _Run:
         self._started = started
         self._on_frame = on_frame
         self._summaries = {name: ModelSummary() for name in task.settings.models}
-        self._alarms = {name: AlarmLog(name) for name in task.settings.models}
+        self._alarms = {name: AlarmLog(name) for name in task.settings.with_alarm}
         self._repeats = Repeats(task.settings.repeats)
         self._stimulus = stimulus or _ground_truth(task.name, video.facts)
         self._display = _stimulus_optics(video.facts, self._stimulus)
@@ -293,7 +293,8 @@ class _Run:
                 self.frames += 1
                 for name, summary in self._summaries.items():
                     summary.add(record, name)
-                    self._alarms[name].add(record)
+                for log in self._alarms.values():
+                    log.add(record)
                 if self._on_frame:
                     self._on_frame(record)
         finally:  # if the user stops a live input, a thread still decodes and counts

@@ -16,7 +16,7 @@ from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_of
 from oppload_cli.models.timebase import ROUNDING
 from oppload_cli.motion.flow import DenseFlow, Flow
-from oppload_cli.results.table import FrameRecord
+from oppload_cli.results.record import DetectorRecord, FrameRecord
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -122,29 +122,14 @@ class DetectorPass:
             return _held(self._latest, prepared)
         blind = "" if repeat.passed_over else self._see(prepared)
         responses = self._responses(prepared)
-        objects, alarms = self._judged(responses, prepared, blind)
-        thresholds = {name: alarm.threshold for name, alarm in self._alarms.items()}
-        objects = {
-            name: self._places[name].with_alarm(
-                each, alarm=alarms[name], threshold=thresholds[name]
-            )
-            for name, each in objects.items()
-        }
         self._latest = FrameRecord(
             frame=prepared.frame.index,
             time_s=prepared.frame.time_s,
             luma_change=0.0 if repeat.kind else self._bank.luma_change,
-            responses={
-                name: _in_source(each, self._sizes[name]) for name, each in responses.items()
-            },
-            alarms=alarms,
+            detectors=self._judged(responses, prepared, blind),
             rmo=prepared.rmo,
             repeat=repeat.kind,
-            thresholds=thresholds,
-            detections=next(iter(objects.values()), ()),
-            objects={name: each[0] if each else None for name, each in objects.items()},
             blind=blind,
-            evidence={n: self._alarms[n].evidence for n, each in responses.items() if each},
         )
         return self._latest
 
@@ -216,20 +201,24 @@ class DetectorPass:
 
     def _judged(
         self, responses: dict[str, Response | None], prepared: Prepared, blind: str
-    ) -> tuple[dict[str, tuple[Detection, ...]], dict[str, bool]]:
-        """Return the looming objects and the alarms at a frame, or at a picture between frames."""
-        objects = {
-            name: () if prepared.repeat.kind else self._objects(name, responses[name], prepared)
-            for name in self._places
-            if name in responses
-        }
-        time_s = prepared.frame.time_s
-        alarms = {
-            name: each is not None
-            and self._alarms[name].step(each.response, time_s, blind=bool(blind))
-            for name, each in responses.items()
-        }
-        return objects, alarms
+    ) -> dict[str, DetectorRecord]:
+        """Return what the detectors say of a frame, or of a picture between frames."""
+        time_s, said = prepared.frame.time_s, {}
+        for name, response in responses.items():
+            judge, objects = self._alarms[name], tuple[Detection, ...]()
+            if name in self._places and not prepared.repeat.kind:
+                objects = self._objects(name, response, prepared)
+            alarm = response is not None and judge.step(
+                response.response, time_s, blind=bool(blind)
+            )
+            if name in self._places:
+                objects = self._places[name].with_alarm(
+                    objects, alarm=alarm, threshold=judge.threshold
+                )
+            evidence = judge.evidence if response else None
+            answer = _in_source(response, self._sizes[name])
+            said[name] = DetectorRecord(answer, alarm, judge.threshold, evidence, objects)
+        return said
 
     def _objects(
         self, name: str, response: Response | None, prepared: Prepared
@@ -267,8 +256,7 @@ def _held(record: FrameRecord, prepared: Prepared) -> FrameRecord:
         time_s=prepared.frame.time_s,
         luma_change=0.0,
         repeat=prepared.repeat.kind,
-        detections=tuple(each.after(passed_s) for each in record.detections),
-        objects={name: each and each.after(passed_s) for name, each in record.objects.items()},
+        detectors={name: said.after(passed_s) for name, said in record.detectors.items()},
     )
 
 

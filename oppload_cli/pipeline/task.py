@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from oppload_cli.annotation.video import AnnotatedVideo
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.results.alarm_log import Verdict
-    from oppload_cli.results.table import FrameRecord, ModelSummary
+    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import ModelSummary
     from oppload_cli.video.frames import FrameSource
     from oppload_cli.video.source import Video
 
@@ -201,7 +202,7 @@ class Outcome:
     notes: tuple[str, ...] = ()  # faults of the input, a line each
     remarks: tuple[str, ...] = ()  # unusual properties that are no faults, a line each
     summaries: dict[str, ModelSummary] = field(default_factory=dict)  # empty if skipped
-    verdicts: tuple[Verdict, ...] = ()  # one for each detector, also if skipped
+    verdicts: tuple[Verdict, ...] = ()  # one for each detector that has an alarm, also if skipped
 
     @property
     def alarmed(self) -> bool:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
 
 ALARM_COLUMNS = (  # of alarms.csv
     *("result", "video", "model", "start_frame", "start_s", "end_s", "peak_over_threshold"),
@@ -46,15 +46,15 @@ class _AlarmEvent:
     def add(self, record: FrameRecord, model: str) -> None:
         """Take a frame in which the alarm is on."""
         self.end_s = record.time_s
-        ratio, detection = record.over_threshold(model), record.objects.get(model)
+        said = record[model]
+        ratio, detection = said.over_threshold, said.object
         if detection is not None and detection.time_to_contact_s is not None:
             contact_s = record.time_s - self.start_s + detection.time_to_contact_s
             self.time_to_contact_s = self.time_to_contact_s or contact_s
         if ratio is not None and ratio > self.peak_over_threshold:
             self.peak_over_threshold = ratio
-            response = record.responses[model]
             names = detector_named(model).witnesses
-            values = {name: getattr(response, name) for name in names}
+            values = {name: getattr(said.answer, name) for name in names}
             # Without a flow the response rests on one witness alone.
             self.witnesses = {} if None in values.values() else values
             self.box = list(detection.box) if detection is not None else self.box
@@ -126,7 +126,7 @@ _CAUSES = {
 }
 
 
-def _known(event: dict[str, Any]) -> dict[str, Any]:
+def _known_values(event: dict[str, Any]) -> dict[str, Any]:
     """Return the values of an alarm without those that only earlier versions wrote."""
     names = {known.name for known in fields(_AlarmEvent)}
     return {name: value for name, value in event.items() if name in names}
@@ -166,10 +166,10 @@ class AlarmLog:
 
     def add(self, record: FrameRecord) -> None:
         """Take the next frame."""
-        ratio = record.over_threshold(self._model)
+        ratio = record[self._model].over_threshold
         if ratio is not None and (self._peak is None or ratio > self._peak):
             self._peak, self._peak_blind = ratio, record.blind
-        on = record.alarms[self._model]
+        on = record[self._model].alarm
         if on and not self._on:
             self._alarms.append(_AlarmEvent(record.frame, record.time_s, record.time_s))
         if on:
@@ -193,7 +193,7 @@ def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
     return tuple(
         Verdict(
             model,
-            tuple(_AlarmEvent(**_known(event)) for event in content["alarms"]),
+            tuple(_AlarmEvent(**_known_values(event)) for event in content["alarms"]),
             content["peak"],
             content.get("peak_blind"),
         )
@@ -242,12 +242,12 @@ def write_alarms(
         for video, verdicts in verdicts_of.items():
             about = {"result": printable(stems[video]), "video": printable(video)}
             for verdict in verdicts:
-                rows += [about | _row(verdict.model, alarm) for alarm in verdict.alarms]
+                rows += [about | _alarm_row(verdict.model, alarm) for alarm in verdict.alarms]
         for row in sorted(rows, key=lambda row: row["video"]):
             table.write(row)
 
 
-def _row(model: str, alarm: _AlarmEvent) -> dict[str, Any]:
+def _alarm_row(model: str, alarm: _AlarmEvent) -> dict[str, Any]:
     row = {"model": model, **asdict(alarm)}
     box = row.pop("box") or [None] * 4
     return row | dict(zip(Box._fields, box, strict=True))

@@ -29,7 +29,6 @@ _ALARM = "_alarm"  # end of the names of columns with alarms
 # Largest number that is read. The largest of a detector is a product of four sums over quarters of
 # the frame: about 1e19 at a height of 600 px, and 1e29 at 8192 px.
 LARGEST = 1e30
-_NO_TABLES = (".json", ".jsonl", ".toml")  # sidecars, detections and settings lie beside tables
 
 
 def read_table(
@@ -58,7 +57,8 @@ def read_table(
         check = video_advice = advice = f"did you mean '{beside}'?"
     if is_video(path.name) and is_there(path):
         raise ResultError(f"{path}: is a video, not a result; {video_advice}")
-    if path.suffix in _NO_TABLES and is_there(path):
+    # Sidecars, detections and settings lie beside tables.
+    if path.suffix in {".json", ".jsonl", ".toml"} and is_there(path):
         raise ResultError(f"{path}: is not a CSV table; {advice}")
     with reading(path, ResultError, form="text in UTF-8", check=check, repair=advice):
         table = _parsed(path, advice, wanted)

@@ -72,7 +72,6 @@ _SUMMARY_COLUMNS: dict[str, type] = {
 }
 _LIST_OF_BATCH = re.compile(r"(alarms|failures)(-\d+-of-\d+)?\.csv")
 _REMEDY = "run its input again"
-_SHOWN = 3  # most settings in the sentence on their differences
 
 
 class _Collected(NamedTuple):
@@ -171,9 +170,9 @@ def _differences(settings: Mapping[str, set[str]]) -> str:
     """Return the settings with several values; parameters only at one height."""
     several = [name for name, values in settings.items() if len(values) > 1]
     decisive = [name for name in several if name == "--height"]
-    shown = decisive or several[:_SHOWN]
+    shown = decisive or several[:3]
     texts = [f"{name} {', '.join(sorted(settings[name]))}" for name in shown]
-    omitted = ["..."] if not decisive and len(several) > _SHOWN else []
+    omitted = ["..."] if not decisive and len(several) > 3 else []
     return "; ".join(texts + omitted)
 
 

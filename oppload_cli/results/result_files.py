@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from oppload_cli.detection.alarm import Alarm, AlarmParams, alarm_params
+from oppload_cli.detection.alarm import AlarmParams, alarm_params
 from oppload_cli.errors import (
     OpploadError,
     ResultError,
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     Series = NDArray[np.float64]  # a value for each row of a table
 
 
-_SUFFIXES = (f"{TABLE}{PART}", TABLE, ".csv")
 # The types of parts of a sidecar; a part of another type, as in a damaged file, is left out.
 _TYPES: dict[str, type] = {
     **dict.fromkeys(("input", "working", "decode", "tool", "parameters", "alarms"), dict),
@@ -205,7 +204,8 @@ def title_and_input(table: Path) -> tuple[str, str]:
 
 def stem_of(path: Path) -> str:
     """Return the name of a result without the suffixes of its table."""
-    suffix = next((suffix for suffix in _SUFFIXES if path.name.endswith(suffix)), path.suffix)
+    suffixes = (f"{TABLE}{PART}", TABLE, ".csv")
+    suffix = next((suffix for suffix in suffixes if path.name.endswith(suffix)), path.suffix)
     return path.name.removesuffix(suffix)
 
 
@@ -300,41 +300,23 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
 def known_threshold(result: BaseResult, name: str) -> Series | None:
     """Return the threshold of a detector's alarm in each frame of a result.
 
-    A table with all columns states the responses divided by the threshold of the run. Without them,
-    the threshold is computed again from the responses: it differs from that of the run where the
-    alarm saw other pictures than the rows show, as between frames and at repeats.
-
     Parameters
     ----------
     result : BaseResult
-        The result; its sidecar has the parameters of the alarm.
+        The result.
     name : str
         Name of the detector.
 
     Returns
     -------
     ndarray, shape (n,), or None
-        The threshold as ``docs/alarms.md`` defines it; NaN during warm-up, and where it is 0. None
-        if the alarms were off.
-
-    Raises
-    ------
-    ResultError
-        If the sidecar has an unknown parameter or value of the alarm.
+        The threshold as ``docs/alarms.md`` defines it; NaN where it is 0. None if the detector has
+        no alarm, or the result is of a version before 1.0, which wrote no thresholds.
     """
-    if f"{name}_alarm" not in result.frames.columns:
+    column = f"{name}_threshold"
+    if column not in result.frames.columns:
         return None
-    time_s = result.frames["time_s"].to_numpy(float)
-    response = result.frames[f"{name}_response"].to_numpy(float)
-    alarm = Alarm(name, _alarm_params(result))
-    threshold = np.full(time_s.shape, np.nan)
-    for frame in np.flatnonzero(np.isfinite(response)):
-        alarm.step(float(response[frame]), float(time_s[frame]))
-        threshold[frame] = alarm.threshold
-    stated = f"{name}_over_threshold"
-    if stated in result.frames.columns:
-        multiple = check_numbers(result.path, result.frames, stated)
-        np.divide(response, multiple, out=threshold, where=multiple > 0)
+    threshold = check_numbers(result.path, result.frames, column)
     known = np.isfinite(threshold) & (threshold > 0)
     return np.where(known, threshold, np.nan) if known.any() else None
 

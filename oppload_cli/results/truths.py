@@ -19,12 +19,6 @@ if TYPE_CHECKING:
 
 
 _FACTS = ("name", "looming", "contact_time_s", "display")  # the facts that a sidecar keeps
-# Allowed differences between a video and its ground truth: scaling rounds the sides to even numbers
-# of pixels, and a few frames may be cut off.
-_OTHER_SIDES = 0.03  # as a share of the ratio of the sides
-_OTHER_LENGTH = 0.1  # as a share of the frames
-_FEW_FRAMES = 5
-_SAME_S = 1e-6  # contacts that differ by less are the same one
 
 
 def read_truth(path: Path, width: Any, height: Any, frames: Any = None) -> Truth:
@@ -105,7 +99,7 @@ def contacts_of(truth: Mapping[str, Any]) -> list[float]:
                 contacts.setdefault(obj["id"], frame["time_s"] + remaining_s)
     if stated is None:
         return list(contacts.values())
-    return [stated, *(time for time in contacts.values() if abs(time - stated) > _SAME_S)]
+    return [stated, *(time for time in contacts.values() if abs(time - stated) > 1e-6)]
 
 
 def sizes_in(frames: Sequence[Mapping[str, Any] | None]) -> dict[str, list[float | None]]:
@@ -146,10 +140,11 @@ def _fault(truth: Truth, width: Any, height: Any, frames: Any) -> str:
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         return "lacks the size of its display; generate the stimulus again"
     other = f"belongs to another video, of {wide:g} x {high:g} and {length} frames: this one has"
+    # Scaling rounds the sides to even numbers of pixels, and a few frames may be cut off.
     known = isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0
-    if known and abs(width / height / ratio - 1) > _OTHER_SIDES:
+    if known and abs(width / height / ratio - 1) > 0.03:
         return f"{other} {width} x {height}"
-    most = max(_FEW_FRAMES, _OTHER_LENGTH * length)
+    most = max(5, 0.1 * length)
     if isinstance(frames, int) and frames > 0 and abs(frames - length) > most:
         return f"{other} {frames} frames"
     return ""

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-_DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 _ANOTHER_TABLE = "give a table of 'oppload tune'"
 
 
@@ -134,7 +133,8 @@ class Tuning:
 
 def direction_of(parameters: Iterable[str]) -> str | None:
     """Return the first dotted key that names an axis or a direction, such as ``bar.axis_deg``."""
-    return next((key for key in parameters if key.rpartition(".")[2] in _DIRECTIONS), None)
+    directions = {"axis_deg", "rotation_deg", "direction_deg"}
+    return next((key for key in parameters if key.rpartition(".")[2] in directions), None)
 
 
 def is_tuning(path: Path) -> bool:

@@ -99,9 +99,9 @@ def present(
     time_s = np.array([record.time_s for record in records])
     by_detector = {}
     for detector in settings.models:
-        responses = [record.responses.get(detector) for record in records]
-        boxes = np.array([(each and each.box) or [None] * 4 for each in responses], float)
-        response = np.array([each and each.response for each in responses], float)
+        answers = [record[detector].answer for record in records]
+        boxes = np.array([(answer and answer.box) or [None] * 4 for answer in answers], float)
+        response = np.array([answer and answer.response for answer in answers], float)
         signal = low_passed(response, time_s, indicator_s)
         response = np.where(np.isnan(response), np.nan, signal)
         by_detector[detector] = Responses(frame, time_s, response, boxes)
