@@ -205,7 +205,8 @@ class DetectorPass:
         """Return what the detectors say of a frame, or of a picture between frames."""
         time_s, said = prepared.frame.time_s, {}
         for name, response in responses.items():
-            judge, objects = self._alarms[name], tuple[Detection, ...]()
+            judge = self._alarms[name]
+            objects: tuple[Detection, ...] = ()
             if name in self._places and not prepared.repeat.kind:
                 objects = self._objects(name, response, prepared)
             alarm = response is not None and judge.step(
