@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from oppload_cli.detection.places import Detection
 from oppload_cli.models.detector import Box, Response
 from oppload_cli.models.registry import detector_named
 from oppload_cli.palette import bgr
-from oppload_cli.results.table import FrameRecord
+from oppload_cli.results.record import DetectorRecord, FrameRecord
 from oppload_cli.video.frames import InputFacts
 
 if TYPE_CHECKING:
@@ -37,20 +38,20 @@ def record(
     """A frame whose responses are `ratios` times their thresholds."""
     ratios = {"opplod": 0.1, "dlgmd": 0.1} if ratios is None else ratios
     thresholds = {"opplod": 4.0, "dlgmd": 0.5}
-    responses = {
-        name: None if ratio is None else Response(ratio * thresholds.get(name, 1.0))
-        for name, ratio in ratios.items()
-    }
-    return FrameRecord(
-        frame,
-        frame / rate,
-        0.1,
-        responses,
-        dict.fromkeys(ratios, False) | (alarms or {}),
-        repeat=repeat,
-        thresholds={name: thresholds.get(name, 1.0) for name in ratios},
-        detections=detections,
-    )
+    detectors = {}
+    for name, ratio in ratios.items():
+        threshold = thresholds.get(name, 1.0)
+        answer = None if ratio is None else Response(ratio * threshold)
+        alarm = bool(alarms and alarms.get(name))
+        objects = detections if name == "opplod" else ()
+        detectors[name] = DetectorRecord(answer, alarm, threshold, objects=objects)
+    return FrameRecord(frame, frame / rate, 0.1, detectors, repeat=repeat)
+
+
+def with_threshold(made: FrameRecord, threshold: float) -> FrameRecord:
+    """The same record with another threshold of all detectors."""
+    said = made.detectors.items()
+    return replace(made, detectors={name: replace(one, threshold=threshold) for name, one in said})
 
 
 def detection(

@@ -10,10 +10,10 @@ import pytest
 from oppload_cli.annotation.frame import Layout, Strip
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.palette import bgr, ink_of
-from tests.annotation.records import facts, paint_of, record, texts_of
+from tests.annotation.records import facts, paint_of, record, texts_of, with_threshold
 
 if TYPE_CHECKING:
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
 
 LAYOUT = Layout.of(facts(1280, 720))
 BOTH = ("opplod", "dlgmd")
@@ -23,7 +23,7 @@ DARK, SHADED, WHITE = (34,) * 3, (236,) * 3, (255,) * 3
 
 def drawn(records: list[FrameRecord]) -> tuple[np.ndarray, Strip]:
     canvas = np.zeros((LAYOUT.height, LAYOUT.width, 3), np.uint8)
-    strip = Strip(LAYOUT, list(records[0].responses))
+    strip = Strip(LAYOUT, list(records[0].detectors))
     for each in records[:-1]:
         strip.add(each)
     strip.draw(canvas, records[-1])
@@ -110,7 +110,7 @@ def test_alarms_are_shaded_and_signed_in_no_detectors_colour(models: set[str]) -
 
 
 def test_labels_that_do_not_fit_are_counted_and_alarms_come_first() -> None:
-    names = [name for name, each in detectors().items() if not each.variant_of]
+    names = list(detectors())
     names = [name for name in names if len(set(paint_of(name))) > 1]  # other words are grey
     last = "emd_lplc2_gf"
     canvas, _ = drawn([record(0, dict.fromkeys(names, 0.5), {last: True})])
@@ -219,12 +219,8 @@ def test_responses_are_divided_by_their_thresholds() -> None:
     strip.add(record(0, {"opplod": 2.0, "dlgmd": None}, {"opplod": True}))
     assert list(strip.points["opplod"]) == [(0.0, 2.0, True)]
     assert list(strip.points["dlgmd"]) == [(0.0, None, False)]
-    for thresholds in ({"opplod": 0.0}, {}):
-        without = record(1, {"opplod": 2.0})
-        without.thresholds.clear()
-        without.thresholds.update(thresholds)
-        strip.add(without)
-        assert strip.points["opplod"][-1].ratio is None
+    strip.add(with_threshold(record(1, dict.fromkeys(BOTH, 2.0)), 0.0))
+    assert strip.points["opplod"][-1].ratio is None
 
 
 def test_the_window_fills_and_then_moves() -> None:
@@ -277,13 +273,13 @@ def test_an_alarm_left_of_the_plot_shades_nothing() -> None:
 def test_without_alarms_a_response_of_0_has_a_ratio_of_0_before_any_other() -> None:
     strip = Strip(LAYOUT, ["opplod"])
     for frame, value in enumerate((0.0, 2.0)):
-        strip.add(replace(record(frame, {"opplod": value}), thresholds={"opplod": math.inf}))
+        strip.add(with_threshold(record(frame, {"opplod": value}), math.inf))
     assert [point.ratio for point in strip.points["opplod"]] == [0, 1]
 
 
 def test_without_alarms_responses_are_over_the_largest_so_far() -> None:
     records = [
-        replace(record(t, {"opplod": value}), thresholds={"opplod": math.inf})
+        with_threshold(record(t, {"opplod": value}), math.inf)
         for t, value in enumerate([2.0, 1.0] * 15 + [20.0] + [5.0] * 29)
     ]
     canvas, strip = drawn(records[:30])

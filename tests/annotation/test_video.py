@@ -35,7 +35,8 @@ def annotate(
         annotated = AnnotatedVideo(target, video, MODELS, boxes)
         for record in analyse(annotated.frames, rmo=None):
             found = detection(box, alarm=bool(record.frame % 2))
-            annotated.write(replace(record, detections=(found,)))
+            said = replace(record["opplod"], objects=(found,))
+            annotated.write(replace(record, detectors={**record.detectors, "opplod": said}))
         annotated.finish()
         annotated.commit()
     return annotated

@@ -22,7 +22,7 @@ from oppload_cli.results.alarm_log import (
     verdicts_in,
     write_alarms,
 )
-from oppload_cli.results.table import FrameRecord
+from oppload_cli.results.record import DetectorRecord, FrameRecord
 from tests.results.make import rows_of
 
 if TYPE_CHECKING:
@@ -52,10 +52,14 @@ def verdict(
                 t,
                 t / 10,
                 0.0,
-                {"opplod": OpplodResponse(response, opponency=response / 4, growth=0.5)},
-                {"opplod": t in on},
-                thresholds={"opplod": threshold[t] if isinstance(threshold, tuple) else threshold},
-                objects={"opplod": None if t in hidden else place},
+                {
+                    "opplod": DetectorRecord(
+                        OpplodResponse(response, opponency=response / 4, growth=0.5),
+                        t in on,
+                        threshold[t] if isinstance(threshold, tuple) else threshold,
+                        objects=() if t in hidden else (place,),
+                    )
+                },
                 blind=cause * (t in blind),
             )
         )

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from oppload_cli import DlgmdResponse, FrameRecord
+from oppload_cli import DetectorRecord, DlgmdResponse, FrameRecord
 from oppload_cli.detection.places import Detection
 from oppload_cli.models.detector import Box, Response
 from oppload_cli.results.table import ModelSummary
@@ -10,7 +10,7 @@ from oppload_cli.results.table import ModelSummary
 
 def record(frame: int, response: float | None, alarm: bool = False) -> FrameRecord:
     answer = None if response is None else DlgmdResponse(response, s=response)
-    return FrameRecord(frame, frame / 10, 0.0, {"dlgmd": answer}, {"dlgmd": alarm})
+    return FrameRecord(frame, frame / 10, 0.0, {"dlgmd": DetectorRecord(answer, alarm)})
 
 
 def test_summary_of_a_run() -> None:
@@ -41,9 +41,8 @@ def test_a_row_has_the_box_of_the_object_and_the_centre_of_the_unit() -> None:
     place = Detection(1, Box(10, 20, 30, 40), 25.0, 40.0, 0.5, False, None)
     unit = Response(0.5, Box(100, 200, 8, 4))
     row = FrameRecord(
-        7, 0.7, 0.1, {"opplod": unit}, {"opplod": True}, thresholds={"opplod": 0.25},
-        objects={"opplod": place}, evidence={"opplod": 5.0},
-    ).values()  # fmt: skip
+        7, 0.7, 0.1, {"opplod": DetectorRecord(unit, True, 0.25, 5.0, (place,))}
+    ).values()
     names = ("x", "y", "width", "height", "unit_x", "unit_y")
     assert [row[f"opplod_{name}"] for name in names] == [10, 20, 30, 40, 104, 202]
     assert (row["opplod_response"], row["opplod_over_threshold"]) == (0.5, 2)
