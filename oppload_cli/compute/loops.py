@@ -73,11 +73,6 @@ _SIGNATURES = {
     "rmo_sums": "ppi dd d pp",
 }
 
-_STAGES = 1, 1, 2  # number of parts in which E, I by P(t-1) and I by P(t-2) are summed
-_MOST_PATHWAYS = 4
-_ZEROS = 8  # number of zeros after each row of cells
-_LANES = 4  # most doubles in a vector of rmo.c
-
 portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")  # True: plain functions run
 
 
@@ -140,7 +135,8 @@ class _Plan:
         quadrants = [_quadrants(kernels.excitation, {})]
         quadrants += [_quadrants(kernel, kernels.odd_masks) for kernel in kernels.inhibition]
         stages, taps, offsets = [], [], []
-        for age, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
+        # E, I by P(t-1) and I by P(t-2) are summed in 1, 1 and 2 parts.
+        for age, (quadrant, parts) in enumerate(zip(quadrants, (1, 1, 2), strict=True)):
             # The nearest values first, which inhibit most; each part takes every n-th of them.
             nearest = sorted(np.argwhere(quadrant[0]).tolist(), key=np.hypot.reduce)
             for stage in (nearest[part::parts] for part in range(parts)):
@@ -188,7 +184,7 @@ class _Outputs:
     def __init__(self, sums: Sums, axes: tuple[int, ...]) -> None:
         self.axes = axes
         pathways = [sums.pathways[phi] for phi in (*axes, *(phi + 180 for phi in axes))]
-        none = [None] * (_MOST_PATHWAYS - len(pathways))
+        none = [None] * (4 - len(pathways))
         self.arguments = *map(_address, (sums.presynaptic, *pathways)), *none
         self._filled = np.ones(sums.presynaptic.shape, np.uint8)  # new maps may hold any values
         self.filled = _address(self._filled)
@@ -238,7 +234,7 @@ def _pool(maps: Sequence[Floats], down: Floats, across: Floats) -> Floats:
 
 def _opponent_products(pooled: Floats, weights: Floats) -> Floats:
     axes, rows, columns = len(weights), *pooled.shape[1:]
-    stride, reach = columns + _ZEROS, weights.shape[-1] // 2
+    stride, reach = columns + 8, weights.shape[-1] // 2  # zeros follow each row of cells
     padded = np.zeros((2 * axes, rows, stride), np.float32)
     padded[..., :columns] = pooled
     out = np.empty((axes, rows, stride), np.float32)
@@ -254,7 +250,8 @@ def _rmo_sums(
     starts: Points, vectors: Points, opposite_tolerance: float, outward_tolerance: float, sides: int
 ) -> tuple[int, float, float, float, float, int]:
     motion, origin = np.ascontiguousarray(vectors), np.ascontiguousarray(starts)
-    rows, sums = np.empty(5 * (len(motion) + _LANES)), np.empty(6)
+    # A vector of rmo.c has at most 4 doubles.
+    rows, sums = np.empty(5 * (len(motion) + 4)), np.empty(6)
     _library().rmo_sums(
         *(_address(motion), _address(origin), len(motion)),
         math.tan(math.radians(opposite_tolerance)),

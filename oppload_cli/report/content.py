@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     _Boxes = dict[int, list[list[Any]]]
 
 _DIGITS = 4  # of a number in the page; the table has all digits
-_PARTS = ("input", "working", "decode", "tool")  # of the sidecar, among the settings
-_RMO_CURVES = ("rmo_index", "rmo_mean")
 _DETECTION = (*Box._fields, "centre_x", "centre_y", "id", "alarm", "time_to_contact_s")
 
 
@@ -153,7 +151,7 @@ class Content:
         command = " ".join(map(str, sidecar["command"])) if "command" in sidecar else None
         groups: dict[str, Any] = {
             "run": {"command": command, "models": ", ".join(self.result.models)},
-            **{name: self.result.part(name) for name in _PARTS},
+            **{name: self.result.part(name) for name in ("input", "working", "decode", "tool")},
             **{f"parameters: {n}": values for n, values in self.result.part("parameters").items()},
         }
         return {
@@ -169,7 +167,7 @@ class Content:
     def data(self) -> dict[str, Any]:
         """Return the data for the script of the page, ready for JSON."""
         frames = self.result.frames
-        rmo = [name for name in _RMO_CURVES if name in frames.columns]
+        rmo = [name for name in ("rmo_index", "rmo_mean") if name in frames.columns]
         return {
             "frames": frames["frame"].to_numpy(int).tolist(),
             "time": _rounded(frames["time_s"].to_numpy(float), 9),

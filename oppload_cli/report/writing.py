@@ -27,7 +27,6 @@ from av.video.reformatter import Colorspace
 from oppload_cli.errors import OpploadError, OutputError, SourceError, printable
 from oppload_cli.files.atomic import PartFile, make_folder, output_errors, write_atomic
 from oppload_cli.files.html import embedded, rendered
-from oppload_cli.frames.ticks import seconds_of
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.report.content import Content, RelativeCurve
@@ -40,6 +39,7 @@ from oppload_cli.results.result_files import (
     title_and_input,
 )
 from oppload_cli.results.table import PAGE
+from oppload_cli.ticks import seconds_of
 from oppload_cli.version import __version__
 from oppload_cli.video.inputs import REPORTED
 from oppload_cli.video.source import source_of, stop
@@ -56,19 +56,14 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import InputFacts
 
 
-_INDEX = "index.html"
 _GENERATOR = f"oppload {__version__}"
 _SPARK = (240, 48)  # width and height of a small curve in the index, in units of its drawing
-_SPARK_LOW, _SPARK_HIGH = -2.0, 2.0  # lower and upper end of its scale, in decades
-_LONGEST_SIDE = 960  # px of a copy: half the width of a screen, or the width of a phone's screen
 MANY_FRAMES, SIDE_OF_MANY = 9000, 720  # longer videos have smaller copies, with sides up to 720 px
 MOST_EMBEDDED = 16 << 20  # bytes; a larger copy is a file beside the page
-_STILL_SIDE, _QUALITY = 320, 80  # px and JPEG quality of the picture in the index
-_AHEAD = 4  # pictures that wait to be encoded
 # A key frame every 15 frames: for a step backwards, the browser decodes at most 15 frames.
 # With look-ahead, the encoder sometimes gives other bytes for the same frames.
-_NO_LOOK_AHEAD = "rc-lookahead=0:mbtree=0"
-_CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
+_X264 = "rc-lookahead=0:mbtree=0"
+_CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _X264}
 
 
 class _IndexRow(NamedTuple):
@@ -101,7 +96,7 @@ class _Report:
         return self.index or self.pages[0]
 
 
-class _Item(NamedTuple):
+class _PageTask(NamedTuple):
     """A page to write."""
 
     table: Path
@@ -148,12 +143,12 @@ def write_report(
         If the index cannot be written, or would replace an ``index.html`` of another program.
     """
     make_folder(folder)
-    index = folder / _INDEX if len(tables) > 1 else None
+    index = folder / "index.html" if len(tables) > 1 else None
     if index is not None:
         _refuse_other(index)
-    pages = list(_pages(tables, roots))
+    pages = list(_page_names(tables, roots))
     items = [
-        _Item(table, folder / page, title, videos, index)
+        _PageTask(table, folder / page, title, videos, index)
         for table, page, title in zip(tables, pages, _titles(tables, pages), strict=True)
     ]
     by_position: dict[int, _IndexRow | OpploadError] = {}
@@ -177,7 +172,7 @@ def write_report(
     return _Report([entry.page for entry in entries], index, failures, notes)
 
 
-def _pages(tables: Sequence[Path], roots: Sequence[Path] | None) -> Iterator[PurePosixPath]:
+def _page_names(tables: Sequence[Path], roots: Sequence[Path] | None) -> Iterator[PurePosixPath]:
     """Yield the name of each page below their folder; a number keeps equal names different."""
     taken: set[PurePosixPath] = set()
     for table, root in zip(tables, roots or [table.parent for table in tables], strict=True):
@@ -217,7 +212,7 @@ def _refuse_other(index: Path) -> None:
         )
 
 
-def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
+def _write_page(item: _PageTask, tell: Callable[[int], object]) -> _IndexRow:
     result = read_result(item.table)
     content = Content.of(result)
     path = item.page.with_name(item.page.name.removesuffix(PAGE) + REPORTED)
@@ -229,7 +224,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
     except SourceError as error:
         video_notes = [f"the page has no video ({error})"]
     notes = [*content.notes, *video_notes]
-    write_atomic(item.page, _page(item, content, copy, notes))
+    write_atomic(item.page, _result_page(item, content, copy, notes))
     strongest = content.strongest
     time_s = result.frames["time_s"].to_numpy(float)
     return _IndexRow(
@@ -250,7 +245,9 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _IndexRow:
     )
 
 
-def _page(item: _Item, content: Content, copy: _VideoCopy | None, notes: list[str]) -> str:
+def _result_page(
+    item: _PageTask, content: Content, copy: _VideoCopy | None, notes: list[str]
+) -> str:
     video = copy and {
         "times": [round(t, 7) if np.isfinite(t) else None for t in copy.times_s.tolist()],
         "address": None if copy.content is not None else _address(copy.path, copy.path),
@@ -331,8 +328,9 @@ def _spark(curve: RelativeCurve, time_s: Series) -> str:
 
 def _spark_row(value: float) -> float:
     """Return the vertical coordinate of a value on the logarithmic scale of a small curve."""
-    level = np.log10(value) if value > 0 else _SPARK_LOW
-    share = (min(max(level, _SPARK_LOW), _SPARK_HIGH) - _SPARK_LOW) / (_SPARK_HIGH - _SPARK_LOW)
+    low, high = -2.0, 2.0  # ends of the scale, in decades
+    level = np.log10(value) if value > 0 else low
+    share = (min(max(level, low), high) - low) / (high - low)
     return float(_SPARK[1] - 2 - (_SPARK[1] - 4) * share)
 
 
@@ -400,7 +398,7 @@ def _copy_video(
                     (frame.index, seconds_of(frame.time), colour.planes(frame))
                     for frame in span.within(source)
                 ),
-                _AHEAD,
+                4,  # pictures wait to be encoded
             )
             for frame, time_s, planes in ahead:
                 written_s = recording.write(planes, time_s)
@@ -423,13 +421,14 @@ def _copy_video(
     finally:
         stop(source, ahead)
         file.discard()
-    note = _difference(result, name, source.facts, times_s)
+    note = _fault_of_video(result, name, source.facts, times_s)
     return _VideoCopy(path, times_s, picture, content, note)
 
 
 def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:
     """Return the size of the copy; H.264 with halved colour planes has even sides only."""
-    longest = _LONGEST_SIDE if frames < MANY_FRAMES else SIDE_OF_MANY
+    # 960 px are half the width of a screen, or the width of a phone's screen.
+    longest = 960 if frames < MANY_FRAMES else SIDE_OF_MANY
     width, height = colour_size(facts, longest)
     return max(2, width - width % 2), max(2, height - height % 2)
 
@@ -442,14 +441,15 @@ def _image_rate(result: BaseResult) -> Fraction | None:
 
 
 def _jpeg(frame: av.VideoFrame) -> bytes:
+    """Return the picture for the index, with sides of at most 320 px."""
     colour = frame.to_ndarray(format="bgr24", src_colorspace=Colorspace.ITU709)
-    scale = min(1.0, _STILL_SIDE / max(colour.shape[:2]))
+    scale = min(1.0, 320 / max(colour.shape[:2]))
     small = cv2.resize(colour, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])
     return data.tobytes()
 
 
-def _difference(
+def _fault_of_video(
     result: BaseResult, name: str, facts: InputFacts, times_s: NDArray[np.float64]
 ) -> str:
     """Return a sentence if the video is not that of the run, or has lost frames; else nothing."""

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 _MOST_BYTES = 1 << 30  # of a video's decoded pictures in memory
 _ROUNDED_S = 0.501e-3  # Matroska rounds the times of pictures to milliseconds
 _SIDE = 512  # texels along each side of a texture
-_BACKDROP_M = 4000.0
-_CLEAR_M = 80.0  # haze hides 63 % of a wall at this distance
 
 
 def background_of(protocol: Protocol) -> _Constant | Drawn | _Video:
@@ -277,7 +275,7 @@ def _repeated(values: Picture) -> Texture:
 
 def _backdrop(values: Picture, wide_m: float) -> list[Surface]:
     """Return a picture very far away, ahead and on both sides; it repeats every `wide_m` metres."""
-    texture, far = _repeated(values), _BACKDROP_M
+    texture, far = _repeated(values), 4000.0
     corner, extent = (0.0, wide_m / 2), (-far, -far, far, far)
     sides = [((0.0, 0.0, far), RIGHT), ((-far, 0.0, 0.0), AHEAD), ((far, 0.0, 0.0), AHEAD)]
     return [Surface(point, along, UP, texture, wide_m, corner, extent) for point, along in sides]
@@ -301,7 +299,8 @@ def _wall(values: Picture, at: Vector, along: Vector, size: tuple[float, float, 
     long, high, tile_m = size
     extent = (0.0, 0.0, long, high)
     texture, corner = _repeated(values), (0.0, high)
-    return Surface(at, along, UP, texture, tile_m, corner, extent, _CLEAR_M)
+    # Haze hides 63 % of a wall at a distance of 80 m.
+    return Surface(at, along, UP, texture, tile_m, corner, extent, 80.0)
 
 
 def _sky(random: Random, horizon: float = 0.8) -> Picture:

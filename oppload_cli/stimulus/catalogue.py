@@ -33,9 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _MOST_MEMBERS = 10_000
-_LONGEST = 80  # characters of a value in a message
-_DEEPEST = 20  # dots in a swept key
-_NUMBERS = re.compile(r"\s*[-+.\d]+\s*(,\s*[-+.\d]+\s*)+")
 
 
 @dataclass(frozen=True)
@@ -103,7 +100,7 @@ class Entry:
         members = {}
         for combination in itertools.product(*self.sweep.values()):
             chosen = dict(zip(self.sweep, combination, strict=True))
-            name = f"{self.name}/{_last_part(chosen)}" if chosen else self.name
+            name = f"{self.name}/{_name_of_member(chosen)}" if chosen else self.name
             if fnmatch.fnmatchcase(name, self.only):
                 members[name] = chosen
         return members
@@ -298,7 +295,7 @@ def find(wanted: str) -> list[Entry]:
     file, toml, member = wanted.rpartition(".toml")
     member = member.replace(os.sep, "/")  # Windows completes a path with its own separators
     if toml and (not member or member.startswith("/")):
-        return [_of_file(read_entry(Path(file + toml)), member)]
+        return [_members_of_file(read_entry(Path(file + toml)), member)]
     exact = [entry for entry in entries() if entry.name == wanted]
     if exact:
         return exact
@@ -344,7 +341,7 @@ def meant_by(wanted: str) -> str:
         return nearest(wanted, _names())
 
 
-def _of_file(entry: Entry, member: str) -> Entry:
+def _members_of_file(entry: Entry, member: str) -> Entry:
     """Return the entry of a file, or its members whose names fit ``/MEMBER``, maybe a pattern."""
     chosen = replace(entry, only=glob.escape(entry.name) + member) if member else entry
     if not chosen.values():
@@ -463,7 +460,8 @@ def parsed_settings(texts: Iterable[str]) -> dict[str, Any]:
         try:
             settings[name.strip()] = tomllib.loads(f"value = {value}")["value"]
         except ValueError:
-            if _NUMBERS.fullmatch(value):  # as --over takes them
+            # Numbers as --over takes them.
+            if re.fullmatch(r"\s*[-+.\d]+\s*(,\s*[-+.\d]+\s*)+", value):
                 raise StimulusError(
                     f"--change {text}: a list needs brackets; write '{name}=[{value}]'"
                 ) from None
@@ -475,7 +473,7 @@ def _sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any
     """Return the lists of values of a ``[sweep]`` table by dotted key."""
     if not isinstance(table, dict):
         raise StimulusError(f"{where}: sweep must be a table of lists, not {table!r}")
-    if prefix.count(".") > _DEEPEST:
+    if prefix.count(".") > 20:
         raise StimulusError(f"{where}: sweep is nested too deeply; write keys such as bar.axis_deg")
     flat: dict[str, list[Any]] = {}
     for key, value in table.items():
@@ -502,14 +500,14 @@ def _depth(value: object) -> int:
 def in_toml(value: object) -> str:
     """Return a value of a protocol for a message: similar to TOML, and at most 80 characters."""
     text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _listed(changes: dict[str, Any]) -> str:
     return ", ".join(f"{dotted} = {in_toml(value)}" for dotted, value in changes.items())
 
 
-def _last_part(values: dict[str, Any]) -> str:
+def _name_of_member(values: dict[str, Any]) -> str:
     """Return the last part of a member's name, such as ``speed-20_width-10``."""
     leaves = [dotted.rpartition(".")[2] for dotted in values]
     names = leaves if len(set(leaves)) == len(leaves) else list(values)

@@ -17,7 +17,6 @@ Vector = tuple[float, float, float]
 RIGHT, UP, AHEAD = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # the world's axes
 
 _TOWARDS = ("collision", "near-miss")
-_PASSING = ("near-miss", "crossing", "overtaking")
 _MOVING = (*_TOWARDS, "crossing", "overtaking", "receding")
 _FROM = ("crossing", "receding", "hovering")
 _SIDES = {"left": (-1.0, 0.0, 0.0), "right": RIGHT, "above": UP}
@@ -72,7 +71,7 @@ class Course(DeclaredTable):
         "left",
         "side on which it passes (near-miss, overtaking) or from which it comes (crossing)",
         choices=tuple(_SIDES),
-        kinds=_PASSING,
+        kinds=("near-miss", "crossing", "overtaking"),
     )
     braking_m_s2: float = parameter(0.0, "deceleration, until it stands still", low=0, high=1000)
     sway_m: float = parameter(

@@ -27,12 +27,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_FRAMES = 1_000_000
 _MOST_ZOOM = 6.0  # the largest change of the logarithm of a pattern's scale
 _LATE = "after the end of the motion and is never reached; correct it, or make the motion longer"
-_JUMP = 0.9  # of the growth of an approach, in one frame: it looks as if an object appeared
-_SCENE_AT_REST = Scene()
 _RESERVED = (*TABLES, "object", "sweep", "seed")
 
 
@@ -146,7 +143,7 @@ def json_schema() -> dict[str, Any]:
     }
     properties["sweep"] = values
     return {
-        "$schema": _DIALECT,
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "oppload stimulus protocol",
         **schema,
         "$defs": {"nested": {key: value for key, value in values.items() if key != "description"}},
@@ -215,14 +212,14 @@ def _check_inside(protocol: Protocol, obj: Object) -> None:
 
 
 def _remarks(protocol: Protocol) -> Iterator[str]:
-    scene, timing = protocol.scene, protocol.timing
+    scene, at_rest, timing = protocol.scene, Scene(), protocol.timing
     if scene.cut_s is not None and scene.cut_s >= timing.total_s - ROUNDING_S:
         yield "scene: cut_s is after the end of the clip, and has no effect; correct it"
     kinds = {obj.kind for obj in protocol.objects}
     moved = [
         f"scene.{key}"
         for key in ("centre_deg", "rotation_deg", "motion")
-        if getattr(scene, key) != getattr(_SCENE_AT_REST, key)
+        if getattr(scene, key) != getattr(at_rest, key)
     ]
     if moved and (PICTURE in kinds or not kinds):
         yield (
@@ -305,7 +302,7 @@ def _without_growth(protocol: Protocol, obj: Object) -> Iterator[str]:
     change = "change growth.l_over_v_ms, which is in milliseconds"
     if not grown:
         yield f"its size is the same in every frame; {change}, or its limits"
-    elif jump > _JUMP * grown:
+    elif jump > 0.9 * grown:  # it looks as if an object appeared
         yield (
             "it grows by nearly all of its growth from one frame to the next, so that no motion "
             f"can be seen; {change}, or raise display.frame_rate"

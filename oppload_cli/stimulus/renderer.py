@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
 # The luminance of each grey value, as reading a lossless file gives it.
 _LUMINANCE = np.arange(256, dtype=np.float32) / np.float32(255)
-_LARGEST_TILE = 2048
 
 
 @dataclass(frozen=True, eq=False)  # arrays cannot be compared as a whole
@@ -350,7 +349,7 @@ class _TexturePainter(_PatternPainter):
     def _tile(self) -> Tile:
         # At least two samples per pixel, unless the tile would be too large.
         pixels = max(self.height, self.width)
-        side = min(2 ** math.ceil(math.log2(2 * pixels)), _LARGEST_TILE)
+        side = min(2 ** math.ceil(math.log2(2 * pixels)), 2048)
         finest = self.obj.finest_deg or 4 / self.projection.scale
         random = generator(self.protocol.seed, self.obj.id)
         wavelength = max(finest / self._tile_deg * side, 2.0)

@@ -27,7 +27,6 @@ from oppload_cli.stimulus.protocol_tables import Camera, ProtocolTables
 
 NEAREST_M = 0.01  # a picture that is nearer to the camera is not drawn
 _DEFAULT_CAMERA = Camera()
-_Box = tuple[float, float, float, float]
 
 
 class CameraView(NamedTuple):
@@ -61,7 +60,9 @@ class Sight:
     contact_in_s: float | None  # time to contact, while its course hits the camera
     view: CameraView
 
-    def box(self, half_width: float, half_height: float) -> _Box | None:
+    def box(
+        self, half_width: float, half_height: float
+    ) -> tuple[float, float, float, float] | None:
         """Return left, top, width and height in pixels of the box around the picture.
 
         The arguments are half the size of the picture in metres. The box may reach beyond the

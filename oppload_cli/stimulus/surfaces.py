@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 _TAPS = 4  # samples along the longer side of the area that a pixel covers
 _NEAREST_M, _FARTHEST_M = 1e-6, 1e4
-_LEAST_WEIGHT = 1e-3  # a level of the pyramid is not read where its weight is at most this
 
 
 class Texture:
@@ -77,7 +76,7 @@ class Texture:
         total = np.zeros((*x.shape, *self.levels[0].shape[2:]), np.float32)
         for level in range(int(depth.min()), math.ceil(float(depth.max())) + 1):
             weight = np.maximum(1 - np.abs(depth - np.float32(level)), 0)
-            part = bounds(weight > _LEAST_WEIGHT)
+            part = bounds(weight > 1e-3)  # elsewhere the level is not read
             if part is None:
                 continue
             weight = weight[part][..., None] if total.ndim == 3 else weight[part]
