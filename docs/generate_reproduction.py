@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
-from oppload_cli.reproduction.claims import introduction, presets_of, stated, tally
+from oppload_cli.reproduction.claims import detectors_in, introduction, stated, tally
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,14 +24,14 @@ PICTURES = "reproduction"
 def page(report: dict[str, Any]) -> str:
     """Return the page as Markdown."""
     return "\n".join(
-        [*summary(report), *(line for each in report["figures"] for line in part(each))]
+        [*summary(report), *(line for figure in report["figures"] for line in part(figure))]
     )
 
 
 def summary(report: dict[str, Any]) -> Iterator[str]:
     """Yield the introduction and the table of verdicts."""
     figures = report["figures"]
-    presets = presets_of(report)
+    detectors = detectors_in(report)
     yield "# The OppLoD paper: which statements hold"
     yield introduction(report)
     yield ""
@@ -41,16 +41,17 @@ def summary(report: dict[str, Any]) -> Iterator[str]:
         "clips are not public."
     )
     yield ""
-    yield f"| figure | {' | '.join(presets)} | settings |"
-    yield f"|---{'|---' * len(presets)}|---|"
-    for each in figures:
+    yield f"| figure | {' | '.join(detectors)} | settings |"
+    yield f"|---{'|---' * len(detectors)}|---|"
+    for figure in figures:
         verdicts = " | ".join(
-            f"{each['verdicts'][preset]} ({tally(each, preset)})"
-            if preset in each["verdicts"]
+            f"{figure['verdicts'][detector]} ({tally(figure, detector)})"
+            if detector in figure["verdicts"]
             else ""
-            for preset in presets
+            for detector in detectors
         )
-        yield f"| [{each['title']}](#{anchor(each['title'])}) | {verdicts} | {settings(each)} |"
+        title = figure["title"]
+        yield f"| [{title}](#{anchor(title)}) | {verdicts} | {settings(figure)} |"
     yield ""
 
 
@@ -71,10 +72,10 @@ def part(figure: dict[str, Any]) -> Iterator[str]:
             yield ""
         yield f"Verdict: {claim['rule']}."
         yield ""
-        yield "| preset | measured | verdict |"
+        yield "| detector | measured | verdict |"
         yield "|---|---|---|"
-        for preset, found in claim["measured"].items():
-            yield f"| {preset} | {found['text'].replace('|', chr(92) + '|')} | {stated(found)} |"
+        for detector, found in claim["measured"].items():
+            yield f"| {detector} | {found['text'].replace('|', chr(92) + '|')} | {stated(found)} |"
     yield ""
     if figure["settings"]:
         yield f"- Settings: {settings(figure)}."
@@ -84,8 +85,8 @@ def part(figure: dict[str, Any]) -> Iterator[str]:
 
 
 def settings(figure: dict[str, Any]) -> str:
-    """Return the working height and the changed parameters of each preset."""
-    return "; ".join(f"{preset}: {text}" for preset, text in figure["settings"].items())
+    """Return the working height and the changed parameters of each detector."""
+    return "; ".join(f"{detector}: {text}" for detector, text in figure["settings"].items())
 
 
 def anchor(title: str) -> str:

@@ -16,13 +16,13 @@ from oppload_cli.reference import BAR_WIDTHS, SOURCE, bar_tuning
 from oppload_cli.reproduction.claims import (
     NO_PAUSE,
     NO_RESPONSE,
-    PAPER_PRESETS,
-    TITLES,
+    PAPER_DETECTORS,
+    REFERENCE,
     WIDE,
     Built,
     Claim,
+    ClaimVerdict,
     Finding,
-    Verdict,
     described_settings,
     faint_note,
     presented,
@@ -33,7 +33,7 @@ from oppload_cli.stimulus.catalogue import load, load_all
 from oppload_cli.stimulus.truth import frame_truth
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 # A field of 60 degrees, as that of LPLC2: 5 px/deg at a height of 360, so 200 px at 240.
-_FIELD = ("opplod.receptive_field=200",)
+_FIELD = (f"{REFERENCE}.receptive_field=200",)
 _BAR, _LOOM = "klapoetke2017/bar-expand-{}", "klapoetke2017/loom"
 _END_DEG = 35.0  # largest distance of each end of the bar from its middle
 # The bar of the catalogue stops at the edge of the largest field. A longer bar shows what the
@@ -55,7 +55,7 @@ _BEYOND = 1.1  # a distance from the middle beyond the edge, divided by that of 
 _OFF_DIAGONAL = [0, 15, 30, 45]  # angle between an axis and the nearest diagonal, in degrees
 _LIGHTEST = 0.8  # end of the colour map, so that the lightest line can be seen on white
 _FIELD_NOTE = (
-    "In preset reference, the receptive field is set to 60 degrees here, as that of LPLC2. The "
+    "The receptive field of opplod_reference is set to 60 degrees here, as that of LPLC2. The "
     "stimuli start without a pause: after a pause, the first moving frames have no delayed "
     "inhibition yet."
 )
@@ -63,7 +63,7 @@ _FIELD_NOTE = (
 
 @dataclass(frozen=True)
 class _Tunings:
-    """The responses of one preset to both bars, and its peak for the looming disk."""
+    """The responses of one detector to both bars, and its peak for the looming disk."""
 
     bars: dict[int, dict[int, Responses]]  # by width and axis in degrees
     loom: float
@@ -73,7 +73,7 @@ class _Tunings:
     settings: Settings
 
     def peaks(self, width: int) -> dict[int, float]:
-        return {axis: each.largest for axis, each in self.bars[width].items()}
+        return {axis: shown.largest for axis, shown in self.bars[width].items()}
 
     def over_loom(self, width: int) -> dict[int, float]:
         """Return the peak divided by that for the disk, by axis in degrees."""
@@ -81,49 +81,54 @@ class _Tunings:
         return {axis: peak / loom for axis, peak in self.peaks(width).items()}
 
     def finding(
-        self, text: str, verdict: Verdict, numbers: dict[str, float], *widths: int
+        self, text: str, verdict: ClaimVerdict, numbers: dict[str, float], *widths: int
     ) -> Finding:
         """Return a finding on the bars of some widths; a NaN number means that none responded."""
         if any(map(math.isnan, numbers.values())):
             return Finding(NO_RESPONSE, verdict, numbers)
+        (detector,) = self.settings.models
         shown = {width: self.bars[width].values() for width in widths}
         faint = (
-            faint_note("opplod", responses, self.settings, f"to the {width} degree bar")
+            faint_note(detector, responses, self.settings, f"to the {width} degree bar")
             for width, responses in shown.items()
         )
         return Finding(text, verdict, numbers, " ".join(filter(None, faint)))
 
 
 def bar_figures() -> list[Built]:
-    """Show both bars along several axes to both presets; return the figures of time and peaks."""
-    longer = {preset: _tunings(preset, _LONGER) for preset in PAPER_PRESETS}
-    return [_over_time(longer), _polar({preset: _tunings(preset, {}) for preset in PAPER_PRESETS})]
+    """Show both bars along several axes to both detectors; return the figures of time and peaks."""
+    longer = {detector: _tunings(detector, _LONGER) for detector in PAPER_DETECTORS}
+    usual = {detector: _tunings(detector, {}) for detector in PAPER_DETECTORS}
+    return [_over_time(longer), _polar(usual)]
 
 
-def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
-    settings = settings_of(preset, _FIELD, detector="opplod")
+def _tunings(detector: str, changes: Mapping[str, float]) -> _Tunings:
+    settings = settings_of(detector, _FIELD)
     bars = {}
     for width in BAR_WIDTHS:
         # Along all axes of the catalogue: with few axes, a curve can look like a needle.
         shown = presented(_BAR.format(width), settings, changes)
-        bars[width] = {int(name.rpartition("-")[2]): each["opplod"] for name, each in shown.items()}
-    loom = presented(_LOOM, settings, {})[_LOOM]["opplod"]
+        bars[width] = {
+            int(name.rpartition("-")[2]): by_detector[detector]
+            for name, by_detector in shown.items()
+        }
+    loom = presented(_LOOM, settings, {})[_LOOM][detector]
     display = load(_LOOM).display
-    height = settings.height or display.height
-    field = settings.resolved(height)["opplod"].as_dict()["receptive_field"]
+    height = settings.pixels or display.height
+    field = settings.resolved(height)[detector].as_dict()["receptive_field"]
     edge_deg = field / 2 * display.height / height / display.scale
     reach = _reach(load_all(_BAR.format(BAR_WIDTHS[0]), {**NO_PAUSE, **changes})[0])
     return _Tunings(bars, loom.largest, edge_deg, reach, settings)
 
 
 def _described(tunings: dict[str, _Tunings]) -> dict[str, str]:
-    return {preset: described_settings(each.settings, _FIELD) for preset, each in tunings.items()}
+    return {detector: described_settings(tuned.settings) for detector, tuned in tunings.items()}
 
 
 def _over_time(tunings: dict[str, _Tunings]) -> Built:
     claims = (
-        Claim.of("bar-middle", {preset: _middle(each) for preset, each in tunings.items()}),
-        Claim.of("bar-edge", {preset: _edge(each) for preset, each in tunings.items()}),
+        Claim.of("bar-middle", _judged(_middle, tunings)),
+        Claim.of("bar-edge", _judged(_edge, tunings)),
     )
     return Built.of(
         "bar-time",
@@ -131,14 +136,14 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
         _draw_over_time(tunings),
         (
             {
-                "preset": preset, "width_deg": width, "axis_deg": axis, "time_s": time,
+                "detector": detector, "width_deg": width, "axis_deg": axis, "time_s": time,
                 "reach_deg": reach, "response": response,
             }
-            for preset, each in tunings.items()
-            for width, by_axis in each.bars.items()
+            for detector, tuned in tunings.items()
+            for width, by_axis in tuned.bars.items()
             for axis, shown in by_axis.items()
             for time, reach, response in zip(
-                shown.time_s, each.reach, shown.response, strict=True
+                shown.time_s, tuned.reach, shown.response, strict=True
             )
         ),
         settings=_described(tunings),
@@ -147,8 +152,15 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
     )  # fmt: skip
 
 
+def _judged(
+    judge: Callable[[_Tunings], Finding], tunings: Mapping[str, _Tunings]
+) -> dict[str, Finding]:
+    """Return the finding on each detector."""
+    return {detector: judge(tuned) for detector, tuned in tunings.items()}
+
+
 def _middle(tunings: _Tunings) -> Finding:
-    ends = np.array([tunings.reach[each.peak or 0] for each in _responding(tunings)])
+    ends = np.array([tunings.reach[shown.peak or 0] for shown in _responding(tunings)])
     count = sum(len(bars) for bars in tunings.bars.values())
     edge = tunings.edge_deg
     good = int(np.sum((ends >= 0.25 * edge) & (ends <= 0.75 * edge)))
@@ -156,7 +168,7 @@ def _middle(tunings: _Tunings) -> Finding:
     return tunings.finding(
         f"{good} of {count}; at half of the peaks the ends are {low:.0f} to {high:.0f} degrees "
         "from the middle.",
-        Verdict.at_least(good / count, 0.9, 0.5),
+        ClaimVerdict.at_least(good / count, 0.9, 0.5),
         {"share": good / count, "lower_quartile_deg": low, "upper_quartile_deg": high},
         *BAR_WIDTHS,
     )
@@ -164,46 +176,46 @@ def _middle(tunings: _Tunings) -> Finding:
 
 def _edge(tunings: _Tunings) -> Finding:
     remaining = [
-        float(each.response[tunings.reach >= _BEYOND * tunings.edge_deg][0]) / each.largest
-        for each in _responding(tunings)
+        float(shown.response[tunings.reach >= _BEYOND * tunings.edge_deg][0]) / shown.largest
+        for shown in _responding(tunings)
     ]
     median = float(np.median(remaining)) if remaining else math.nan
     return tunings.finding(
         # Three digits: with two, 25.4 % would read as the 25 % at which the statement still holds.
         f"{100 * median:.3g} % of the peak remains beyond the edge.",
-        Verdict.at_most(median, 0.05, 0.25),
+        ClaimVerdict.at_most(median, 0.05, 0.25),
         {"median_beyond_edge_over_peak": median},
         *BAR_WIDTHS,
     )
 
 
 def _responding(tunings: _Tunings) -> list[Responses]:
-    every = (each for bars in tunings.bars.values() for each in bars.values())
-    return [each for each in every if each.largest > 0]
+    every = (shown for by_axis in tunings.bars.values() for shown in by_axis.values())
+    return [shown for shown in every if shown.largest > 0]
 
 
 def _reach(protocol: Protocol) -> NDArray[np.float64]:
     """Return half the length of the bar in each frame, in degrees; NaN after the growth."""
     truths = [frame_truth(protocol, frame) for frame in range(protocol.frame_count)]
-    reach = np.array([each.objects[0].angular_size_deg for each in truths], float) / 2
-    grows = [each.time_s <= protocol.timing.end_s + 1e-9 for each in truths]
+    reach = np.array([truth.objects[0].angular_size_deg for truth in truths], float) / 2
+    grows = [truth.time_s <= protocol.timing.end_s + 1e-9 for truth in truths]
     return np.where(grows, reach, np.nan)
 
 
 def _polar(tunings: dict[str, _Tunings]) -> Built:
     claims = (
-        Claim.of("bar-even", {preset: _evenness(each) for preset, each in tunings.items()}),
-        Claim.of("bar-diagonals", {preset: _diagonal(each) for preset, each in tunings.items()}),
-        Claim.of("bar-neurons", {preset: _likeness(each) for preset, each in tunings.items()}),
+        Claim.of("bar-even", _judged(_evenness, tunings)),
+        Claim.of("bar-diagonals", _judged(_diagonal, tunings)),
+        Claim.of("bar-neurons", _judged(_likeness, tunings)),
     )
     ratio, _ = _diagonal_ratios(bar_tuning(60))
-    enhanced = _likeness(tunings["reference"]).numbers["largest_over_loom"]
+    enhanced = _likeness(tunings[REFERENCE]).numbers["largest_over_loom"]
     return Built.of(
         "bar-polar",
         claims,
         _draw_polar(tunings),
         (
-            {"preset": name, "width_deg": width, "axis_deg": axis, "peak_over_loom": peak}
+            {"detector": name, "width_deg": width, "axis_deg": axis, "peak_over_loom": peak}
             for name, width, peaks in _relative(tunings)
             for axis, peak in peaks.items()
         ),
@@ -217,10 +229,10 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
 
 
 def _relative(tunings: dict[str, _Tunings]) -> Iterator[tuple[str, int, Mapping[Any, float]]]:
-    """Yield preset or neurons, the bar's width, and peaks divided by that for the loom, by axis."""
+    """Yield a detector, a bar's width, and its peaks divided by that for the loom, by axis."""
     for width in BAR_WIDTHS:
-        for preset, each in tunings.items():
-            yield preset, width, each.over_loom(width)
+        for detector, tuned in tunings.items():
+            yield detector, width, tuned.over_loom(width)
         yield "LPLC2 neurons", width, bar_tuning(width)
 
 
@@ -229,7 +241,7 @@ def _evenness(tunings: _Tunings) -> Finding:
     share = min(peaks) / max(peaks) if max(peaks) > 0 else math.nan
     return tunings.finding(
         f"The smallest peak is {short(100 * share)} % of the largest (LPLC2: 78 %).",
-        Verdict.at_least(share, 0.75, 0.5),
+        ClaimVerdict.at_least(share, 0.75, 0.5),
         {"least_over_largest": share},
         10,
     )
@@ -237,11 +249,11 @@ def _evenness(tunings: _Tunings) -> Finding:
 
 def _diagonal(tunings: _Tunings) -> Finding:
     mean, largest = _diagonal_ratios(tunings.peaks(60))
-    partly = Verdict.IN_PART if mean > 1 else Verdict.DOES_NOT
+    partly = ClaimVerdict.IN_PART if mean > 1 else ClaimVerdict.DOES_NOT
     return tunings.finding(
         f"The mean peak of the diagonals is {short(mean)} times the mean peak and "
         f"{short(largest)} times the largest peak of the other axes.",
-        Verdict.HOLDS if largest > 1 else partly,
+        ClaimVerdict.HOLDS if largest > 1 else partly,
         {"diagonal_over_mean": mean, "diagonal_over_largest": largest},
         60,
     )
@@ -268,7 +280,7 @@ def _likeness(tunings: _Tunings) -> Finding:
         f"Root mean square difference {short(difference)}; the bars give {short(model.min())} to "
         f"{short(model.max())} times the looming disk's response (LPLC2: {short(neurons.min())} "
         f"to {short(neurons.max())}).",
-        Verdict.at_most(difference, 0.1, 0.25),
+        ClaimVerdict.at_most(difference, 0.1, 0.25),
         {
             "rms_difference": difference,
             "least_over_loom": float(model.min()),
@@ -282,17 +294,17 @@ def _draw_over_time(tunings: dict[str, _Tunings]) -> Figure:
     with styled_figure(WIDE, 4.4) as figure:
         axes = figure.subplots(2, 2, sharex=True)
         shades = mpl.colormaps["viridis"](np.linspace(0, _LIGHTEST, len(_OFF_DIAGONAL)))
-        for row, (preset, each) in zip(axes, tunings.items(), strict=True):
+        for row, (detector, tuned) in zip(axes, tunings.items(), strict=True):
             for panel, width in zip(row, BAR_WIDTHS, strict=True):
-                largest = max(each.peaks(width).values()) or 1.0
-                for axis, responses in each.bars[width].items():
+                largest = max(tuned.peaks(width).values()) or 1.0
+                for axis, responses in tuned.bars[width].items():
                     panel.plot(
-                        each.reach, responses.response / largest,
+                        tuned.reach, responses.response / largest,
                         color=shades[_OFF_DIAGONAL.index(abs(axis % 90 - 45))], lw=0.9,
                     )  # fmt: skip
-                panel.axvline(each.edge_deg, color=FAINT, lw=0.7, linestyle="--")
-                panel.set_title(f"{TITLES[preset]}, {width} deg bar (largest {short(largest)})")
-                panel.set_xlim(each.reach[0], _END_DEG)
+                panel.axvline(tuned.edge_deg, color=FAINT, lw=0.7, linestyle="--")
+                panel.set_title(f"{detector}, {width} deg bar (largest {short(largest)})")
+                panel.set_xlim(tuned.reach[0], _END_DEG)
             row[0].set_ylabel("response / largest")
         for panel in axes[1]:
             panel.set_xlabel("reach of the bar's ends (deg)")
@@ -308,7 +320,7 @@ def _draw_polar(tunings: dict[str, _Tunings]) -> Figure:
     with styled_figure(WIDE, 4.4) as figure:
         axes = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
         for panel, width in zip(axes, BAR_WIDTHS, strict=True):
-            curves = {TITLES[preset]: each.peaks(width) for preset, each in tunings.items()}
+            curves = {detector: tuned.peaks(width) for detector, tuned in tunings.items()}
             draw_beside_neurons(panel, width, curves, "arbitrary unit")
         spread(figure)
     return figure
@@ -327,9 +339,9 @@ def draw_beside_neurons(
     looks = (CYCLE[0], "-"), (CYCLE[2], "--"), (LPLC2, ":")
     curves = [
         symmetric_tuning(
-            *each, {"color": colour, "linestyle": dash, "marker": "o", "markersize": 2}
+            *curve, {"color": colour, "linestyle": dash, "marker": "o", "markersize": 2}
         )
-        for each, (colour, dash) in zip(shown, looks, strict=True)
+        for curve, (colour, dash) in zip(shown, looks, strict=True)
     ]
     draw_polar(panel, curves)
     panel.set_title(f"{width} deg bar", loc="center", pad=8)

@@ -19,8 +19,8 @@ from oppload_cli.environment import environment
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.files.tables import csv_text, finite_text
-from oppload_cli.models.presets import STUDY_PRESET
-from oppload_cli.models.registry import detector_named
+from oppload_cli.models.registry import detector_named, parameters_of
+from oppload_cli.models.timebase import TimeParams
 from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load_all
@@ -33,10 +33,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-NO_PRESET = "any preset"
-# The presets with the paper's own model; preset default has a changed model.
-TITLES = {STUDY_PRESET: "preset reference", "paper": "preset paper (literal)"}
-PAPER_PRESETS = tuple(TITLES)
+# The detectors with the paper's own model, made to work and to the letter.
+REFERENCE, PAPER = PAPER_DETECTORS = "opplod_reference", "opplod_paper"
+NO_DETECTOR = "no detector"  # in place of a detector's name, for a measurement of RMO
 # No pause before the motion: after a pause, the first moving frames have no delayed inhibition,
 # and the same transient response follows for every direction.
 NO_PAUSE = {"timing.before_s": 0}
@@ -48,7 +47,7 @@ _TEXTS = tomllib.loads(
 )
 
 
-class Verdict(StrEnum):
+class ClaimVerdict(StrEnum):
     """Whether a statement holds."""
 
     HOLDS = "holds"
@@ -56,24 +55,24 @@ class Verdict(StrEnum):
     DOES_NOT = "does not hold"
 
     @classmethod
-    def at_most(cls, value: float, holds: float, in_part: float) -> Verdict:
+    def at_most(cls, value: float, holds: float, in_part: float) -> ClaimVerdict:
         """Return the verdict on a value that should be small, by the largest value for each."""
         if value <= holds:
             return cls.HOLDS
         return cls.IN_PART if value <= in_part else cls.DOES_NOT  # also for NaN
 
     @classmethod
-    def at_least(cls, value: float, holds: float, in_part: float) -> Verdict:
+    def at_least(cls, value: float, holds: float, in_part: float) -> ClaimVerdict:
         """Return the verdict on a value that should be large, by the least value for each."""
         return cls.at_most(-value, -holds, -in_part)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The measurement for one preset, with its verdict by the rule of the claim."""
+    """The measurement of one detector, with its verdict by the rule of the claim."""
 
     text: str  # a sentence with the numbers
-    verdict: Verdict
+    verdict: ClaimVerdict
     numbers: Mapping[str, float] = field(default_factory=dict)
     faint: str = ""  # sentences of :func:`faint_note` on detectors that hardly respond
 
@@ -94,7 +93,7 @@ class Claim:
 
     statement: str
     rule: str  # how the verdict follows from the measurement
-    findings: dict[str, Finding]  # by preset, or one under `NO_PRESET`
+    findings: dict[str, Finding]  # by detector, or one under `NO_DETECTOR`
     source: str = ""  # the paper's own words and their place; empty for our reading
 
     @classmethod
@@ -115,7 +114,7 @@ class Built:
     figure: Figure | None  # None after :func:`build` made `pictures` of it
     rows: tuple[Mapping[str, Any], ...]  # of the CSV file: an observation per row, by column
     notes: tuple[str, ...] = ()
-    # By preset, the working height and the changed parameters.
+    # By detector, the working height and the changed parameters.
     settings: dict[str, str] = field(default_factory=dict)
     pictures: dict[str, bytes] = field(default_factory=dict)  # files by suffix
 
@@ -137,8 +136,8 @@ class Built:
         The texts under the name `shared` come before those under the own name, and `notes` after
         them.
         """
-        texts = [_TEXTS["figures"].get(each, {}) for each in (shared, name)]
-        written = [note.format(**values) for each in texts for note in each.get("notes", ())]
+        texts = [_TEXTS["figures"].get(part, {}) for part in (shared, name)]
+        written = [note.format(**values) for part in texts for note in part.get("notes", ())]
         joined = texts[0] | texts[1]
         return cls(
             name,
@@ -164,10 +163,10 @@ class Built:
 
         The common verdict is "in part" if the verdicts differ.
         """
-        verdicts: dict[str, set[Verdict]] = {}
+        verdicts: dict[str, set[ClaimVerdict]] = {}
         for claim in self.claims:
-            for preset, finding in claim.findings.items():
-                verdicts.setdefault(preset, set()).add(finding.verdict)
+            for detector, finding in claim.findings.items():
+                verdicts.setdefault(detector, set()).add(finding.verdict)
         return {
             "name": self.name,
             "title": self.title,
@@ -177,8 +176,8 @@ class Built:
             "settings": self.settings,
             "command": f"oppload reproduce --only {self.name}",
             "verdicts": {
-                preset: str(each.pop() if len(each) == 1 else Verdict.IN_PART)
-                for preset, each in verdicts.items()
+                detector: str(given.pop() if len(given) == 1 else ClaimVerdict.IN_PART)
+                for detector, given in verdicts.items()
             },
             "claims": [
                 {
@@ -186,7 +185,7 @@ class Built:
                     "source": claim.source,
                     "rule": claim.rule,
                     "measured": {
-                        preset: finding.as_dict() for preset, finding in claim.findings.items()
+                        detector: finding.as_dict() for detector, finding in claim.findings.items()
                     },
                 }
                 for claim in self.claims
@@ -211,7 +210,7 @@ def faint_note(
     stimuli : str
         The stimuli in words, such as ``to the disk``.
     """
-    peak = max(each.largest for each in responses)
+    peak = max(shown.largest for shown in responses)
     return "".join(
         f"{detector_named(detector).label} hardly responds {stimuli} (largest response "
         f"{peak:.3g}, {doubt.note}): the shape of its curve means little."
@@ -219,25 +218,48 @@ def faint_note(
     )
 
 
-def described_settings(settings: Settings, assignments: Sequence[str] = ()) -> str:
-    """Return the working height and the assignments of :func:`settings_of` as a text."""
-    height = "native size" if settings.height is None else f"{settings.height} px"
-    return ", ".join((height, *(assignments if settings.preset != "paper" else ())))
+def described_settings(settings: Settings) -> str:
+    """Return the working height and the changed parameters of :func:`settings_of` as a text."""
+    usual = {**{name: parameters_of(name) for name in settings.models}, "time": TimeParams()}
+    changed = [
+        f"{group}.{name}={value}"
+        for group, params in usual.items()
+        for name, value in settings.groups[group].as_dict().items()
+        if value != params.as_dict()[name]
+    ]
+    height = "native size" if settings.pixels is None else f"{settings.pixels} px"
+    return ", ".join((height, *changed))
 
 
 def settings_of(
-    preset: str, assignments: Sequence[str] = (), *, height: str | None = None, detector: str = ""
+    detector: str,
+    assignments: Sequence[str] = (),
+    *,
+    height: str | None = None,
+    beside: str = "",
 ) -> Settings:
-    """Return the settings of preset ``reference`` or ``paper``.
+    """Return the settings for a measurement of a detector, alone or with another one beside it.
 
-    The preset ``reference`` takes the assignments, which are as for ``--set``; the literal preset
-    ``paper`` ignores them. By default the height is the preset's, and OppLoD and D-LGMD run.
+    Parameters
+    ----------
+    detector : str
+        Name of the detector.
+    assignments : sequence of str
+        As for ``--set``; those of other detectors are left out.
+    height : str, optional
+        The working height; by default that of the detector.
+    beside : str
+        Name of the other detector, if any. It gets frames of the same height, and the same time
+        base, so that only the models differ.
     """
+    chosen = [text for text in assignments if text.startswith(f"{detector}.")]
+    own = detector_named(detector)
+    if beside and detector_named(beside).interval != own.interval:
+        chosen.append(f"time.interval={own.interval}")
     return resolve(
-        preset=preset,
-        assignments=assignments if preset == STUDY_PRESET else (),
-        height=height,
-        models=[detector] if detector else (),
+        models=[detector, beside] if beside else [detector],
+        height=height or str(own.height),
+        assignments=chosen,
     )
 
 
@@ -249,7 +271,7 @@ def presented(
     Return the responses by the stimulus's name, then by detector.
     """
     protocols = load_all(name, {**NO_PAUSE, **changes})
-    return {each.name: present(each, settings) for each in protocols}
+    return {protocol.name: present(protocol, settings) for protocol in protocols}
 
 
 def short(value: float) -> str:
@@ -278,7 +300,11 @@ _PAPER = (
     "OppLoD: the Opponency based Looming Detector, Model Extension of Looming Sensitivity from "
     "LGMD to LPLC2"
 )
-_MARKS = {Verdict.HOLDS: "yes", Verdict.IN_PART: "part", Verdict.DOES_NOT: "no"}  # CSS classes
+_MARKS = {
+    ClaimVerdict.HOLDS: "yes",
+    ClaimVerdict.IN_PART: "part",
+    ClaimVerdict.DOES_NOT: "no",
+}  # CSS classes
 
 
 def chosen_figures(names: Collection[str]) -> list[str]:
@@ -318,18 +344,18 @@ def build(
         If the system ends one of the processes, for example because memory runs out.
     """
     makers = {FIGURES[name] for name in names}
-    ordered = [maker for maker, _ in sorted(makers, key=lambda each: (-each[1], each[0]))]
+    ordered = [maker for maker, _ in sorted(makers, key=lambda timed: (-timed[1], timed[0]))]
     made: dict[str, Built] = {}
 
     def take(built: list[Built]) -> None:
-        for each in built:
-            if each.name in names:
-                made[each.name] = each
+        for figure in built:
+            if figure.name in names:
+                made[figure.name] = figure
                 if done:
-                    done(each)
+                    done(figure)
 
     def made_by(maker: str) -> str:
-        return " and ".join(name for name, (each, _) in FIGURES.items() if each == maker)
+        return " and ".join(name for name, (own, _) in FIGURES.items() if own == maker)
 
     results(partial(_make, form), ordered, jobs, named=made_by, progress=take)
     return [made[name] for name in names]
@@ -341,11 +367,11 @@ def _make(form: str, maker: str) -> list[Built]:
     built = getattr(importlib.import_module(f"oppload_cli.reproduction.{module}"), function)()
     style = importlib.import_module("oppload_cli.plots.style")  # loads matplotlib
     made = []
-    for each in built if isinstance(built, list) else [built]:
-        pictures = {"png": style.image_bytes(each.figure, "png", _DPI)}
+    for drawn in built if isinstance(built, list) else [built]:
+        pictures = {"png": style.image_bytes(drawn.figure, "png", _DPI)}
         if form not in pictures:
-            pictures[form] = style.image_bytes(each.figure, form)
-        made.append(replace(each, figure=None, pictures=pictures))
+            pictures[form] = style.image_bytes(drawn.figure, form)
+        made.append(replace(drawn, figure=None, pictures=pictures))
     return made
 
 
@@ -366,7 +392,7 @@ def pages_of(figures: Sequence[Built], wall_s: float, form: str) -> tuple[dict[s
         "reproduction.html",
         report=report,
         pictures=pictures,
-        presets=presets_of(report),
+        detectors=detectors_in(report),
         introduction=introduction(report),
         marks=_MARKS,
         tally=tally,
@@ -377,10 +403,10 @@ def pages_of(figures: Sequence[Built], wall_s: float, form: str) -> tuple[dict[s
     return {"report.json": text, "index.html": page}, _verdicts(report)
 
 
-def presets_of(report: Mapping[str, Any]) -> list[str]:
-    """Return the presets of all figures, in their order."""
+def detectors_in(report: Mapping[str, Any]) -> list[str]:
+    """Return the detectors of all figures, in their order."""
     verdicts = [figure["verdicts"] for figure in report["figures"]]
-    return list(dict.fromkeys(preset for each in verdicts for preset in each))
+    return list(dict.fromkeys(detector for given in verdicts for detector in given))
 
 
 def introduction(report: Mapping[str, Any]) -> str:
@@ -389,7 +415,7 @@ def introduction(report: Mapping[str, Any]) -> str:
 
 
 def _verdicts(report: Mapping[str, Any]) -> str:
-    """Return how often each verdict occurs, over all statements and presets."""
+    """Return how often each verdict occurs, over all statements and detectors."""
     findings = [
         finding
         for figure in report["figures"]
@@ -397,20 +423,20 @@ def _verdicts(report: Mapping[str, Any]) -> str:
         for finding in claim["measured"].values()
     ]
     counts = []
-    for verdict in Verdict:
-        faint = [each["hardly_responds"] for each in findings if each["verdict"] == verdict]
+    for verdict in ClaimVerdict:
+        faint = [found["hardly_responds"] for found in findings if found["verdict"] == verdict]
         note = f" ({sum(faint)} hardly responding)" * any(faint)
         counts.append(f"{len(faint)} '{verdict}'{note}")
     return ", ".join(counts)
 
 
-def tally(figure: Mapping[str, Any], preset: str) -> str:
-    """Return the counts of the verdicts on a figure for a preset, e.g. ``3 hold, 1 in part``."""
+def tally(figure: Mapping[str, Any], detector: str) -> str:
+    """Return the counts of the verdicts on a figure for a detector, e.g. ``3 hold, 1 in part``."""
     findings = [
-        claim["measured"][preset] for claim in figure["claims"] if preset in claim["measured"]
+        claim["measured"][detector] for claim in figure["claims"] if detector in claim["measured"]
     ]
     verdicts = [finding["verdict"] for finding in findings]
-    hold, part, failed = (verdicts.count(verdict) for verdict in Verdict)
+    hold, part, failed = (verdicts.count(verdict) for verdict in ClaimVerdict)
     return f"{hold} hold" + f", {part} in part" * bool(part) + f", {failed} not" * bool(failed)
 
 

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from oppload_cli.models.dpc import direction_mask, inhibition_kernels
-from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.models.opplod_reference import OpplodReferenceParams
 from oppload_cli.models.registry import detector_named
-from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import CYCLE, FAINT, SHADES, styled_figure
 from oppload_cli.reproduction.claims import (
-    PAPER_PRESETS,
-    TITLES,
+    PAPER,
+    PAPER_DETECTORS,
+    REFERENCE,
     WIDE,
     Built,
     Claim,
+    ClaimVerdict,
     Finding,
-    Verdict,
     described_settings,
     faint_note,
     presented,
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
+    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses
 
@@ -47,7 +47,8 @@ _SHOWN_FRAME = {_BAR: 24, _BLOCK: 34}
 _SPEEDS = (1, 2, 3, 4, 6, 8, 10, 15)
 _VERTICAL = {90: "upward", 270: "downward"}
 _DIAGONALS = (45, 135, 225, 315)
-_CARDINAL = ("opplod.axes=0",)  # pathways along 0 and 90 degrees instead of diagonals
+# Pathways along 0 and 90 degrees instead of diagonals.
+_CARDINAL = tuple(f"{detector}.axes=0" for detector in PAPER_DETECTORS)
 
 _STIMULI = {
     "outward": "opplod2023/bar-10",
@@ -57,24 +58,24 @@ _STIMULI = {
 _OUTWARD, _BOTH, _INWARD = _STIMULI
 _ANGLES = [0, 45]
 # A field of 60 degrees, as that of LPLC2: 8 px/deg at a height of 600, so 192 px at 240.
-_FIELD_OF_60 = ("opplod.receptive_field=192",)
-_FILTERS = {"reference": -1, "paper": 1}  # weight of inward motion in the filter of each preset
+_FIELD_OF_60 = (f"{REFERENCE}.receptive_field=192",)
+_FILTERS = {REFERENCE: -1, PAPER: 1}  # weight of inward motion in the filter of each detector
 
 
 def up_and_down() -> Built:
     """Measure how well the pathways separate upward and downward motion of the expanding bar."""
     findings, shown, described = {}, {}, {}
-    for preset in PAPER_PRESETS:
-        settings = resolve(preset=preset, assignments=_CARDINAL)
-        described[preset] = ", ".join((described_settings(settings), *_CARDINAL))
-        leaks, shown[preset] = _wrong_sides(
+    for detector in PAPER_DETECTORS:
+        settings = settings_of(detector, _CARDINAL)
+        described[detector] = described_settings(settings)
+        leaks, shown[detector] = _wrong_sides(
             load(_BAR), settings, tuple(_VERTICAL), _SHOWN_FRAME[_BAR]
         )
         speed, wrong = _speed(load(_BAR), settings), float(leaks.mean(axis=0).max())
-        findings[preset] = Finding(
+        findings[detector] = Finding(
             f"At the working size, an end of the bar moves {speed:.2g} px/frame. S of the pathway "
             f"of the opposite direction is {100 * wrong:.1f} % of S of the right pathway.",
-            Verdict.at_most(wrong, 0.01, 0.1),
+            ClaimVerdict.at_most(wrong, 0.01, 0.1),
             {"speed_px_frame": speed, "wrong_over_right": wrong},
         )
     by_speed = {speed: _leak_at(speed) for speed in _SPEEDS}
@@ -93,24 +94,27 @@ def diagonals() -> Built:
     """Measure how well the pathways separate the four diagonals of the approaching block."""
     findings, shown, described = {}, {}, {}
     rows: list[dict[str, Any]] = []
-    for preset in PAPER_PRESETS:
-        settings = settings_of(preset)
-        described[preset] = described_settings(settings)
-        leaks, shown[preset] = _wrong_sides(
+    for detector in PAPER_DETECTORS:
+        settings = settings_of(detector)
+        described[detector] = described_settings(settings)
+        leaks, shown[detector] = _wrong_sides(
             load(_BLOCK), settings, _DIAGONALS, _SHOWN_FRAME[_BLOCK]
         )
         shares = 1 / (1 + leaks)
         rows += [
-            {"preset": preset, "moving_frame": number, "pathway_deg": phi, "share_on_side": share}
-            for number, each in enumerate(shares, 1)
-            for phi, share in zip(_DIAGONALS, each, strict=True)
-        ]
+            {
+                "detector": detector, "moving_frame": number, "pathway_deg": phi,
+                "share_on_side": share,
+            }
+            for number, in_frame in enumerate(shares, 1)
+            for phi, share in zip(_DIAGONALS, in_frame, strict=True)
+        ]  # fmt: skip
         share, last = float(shares.mean(axis=0).min()), float(shares[-1].min())
-        findings[preset] = Finding(
+        findings[detector] = Finding(
             f"On average over the frames, {100 * share:.1f} % of the worst pathway's S lies on "
             f"the side of the block that moves in the pathway's direction; {100 * last:.1f} % in "
             "the last frame, which has the fastest motion.",
-            Verdict.at_least(share, 0.95, 0.75),
+            ClaimVerdict.at_least(share, 0.95, 0.75),
             {"least_mean_share_on_side": share, "least_share_in_last_frame": last},
         )
     claims = [Claim.of("pathways-along-diagonals", findings)]
@@ -126,20 +130,22 @@ def _wrong_sides(
     """
     ratios: list[NDArray[np.float64]] = []
     shown: Shown = {}
-    video = StimulusVideo(protocol, settings.height)
-    model = Opplod(video.working.shape, cast("OpplodParams", settings.groups["opplod"]))
+    video = StimulusVideo(protocol, settings.pixels)
+    (name,) = settings.models
+    model = detector_named(name)(video.working.shape, settings.groups[name])
     right_side = {phi: _side(video.working.shape, phi) for phi in directions}
     wrong_side = {phi: _side(video.working.shape, phi + 180) for phi in directions}
     for frame in video:
         if model.step(frame.luma) is None:
             continue
-        maps = model.pathways
+        of_frame = model.maps  # computed at each access
+        maps = {phi: of_frame[f"S_{phi}"] for phi in directions}
         right = [float(maps[phi][right_side[phi]].sum()) for phi in directions]
         wrong = [float(maps[phi][wrong_side[phi]].sum()) for phi in directions]
         if min(right) > 0:
             ratios.append(np.divide(wrong, right))
         if frame.index == shown_frame:
-            shown = {"luma": frame.luma, "maps": {phi: maps[phi].copy() for phi in directions}}
+            shown = {"luma": frame.luma, "maps": {phi: s.copy() for phi, s in maps.items()}}
     return np.array(ratios), shown
 
 
@@ -154,26 +160,26 @@ def _side(shape: tuple[int, int], phi: int) -> NDArray[np.bool_]:
 def _speed(protocol: Protocol, settings: Settings) -> float:
     """Return the speed of an end of the bar in px/frame of the working size."""
     speed = frame_truth(protocol, _SHOWN_FRAME[_BAR]).objects[0].edge_speed_px_frame
-    return speed * (settings.height or protocol.display.height) / protocol.display.height
+    return speed * (settings.pixels or protocol.display.height) / protocol.display.height
 
 
 def _leak_at(speed: int) -> float:
     """Return the share of S that the wrong pathway keeps at a speed in px/frame."""
     small = {"display.width": 300, "display.height": 300, "timing.motion_s": 0.6}
     protocol = load(_BAR, {**small, "bar.growth.speed_deg_s": 3 * speed})
-    settings = settings_of("reference", _CARDINAL, height="native")
+    settings = settings_of(REFERENCE, _CARDINAL, height="native")
     return float(_wrong_sides(protocol, settings, tuple(_VERTICAL), -1)[0].mean(axis=0).max())
 
 
 def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure:
-    params = OpplodParams()
+    params = OpplodReferenceParams()
     kernels = inhibition_kernels(params)
     with styled_figure(WIDE, 6.2) as figure:
         axes = figure.subplots(3, 3)
-        for row, preset in zip(axes, PAPER_PRESETS, strict=False):
-            _picture(row[0], shown[preset]["luma"], f"{TITLES[preset]}: frame {_SHOWN_FRAME[_BAR]}")
+        for row, (detector, pictures) in zip(axes, shown.items(), strict=False):
+            _picture(row[0], pictures["luma"], f"{detector}: frame {_SHOWN_FRAME[_BAR]}")
             for panel, (phi, name) in zip(row[1:], _VERTICAL.items(), strict=True):
-                _map(panel, shown[preset]["maps"][phi], f"S of the {name} pathway")
+                _map(panel, pictures["maps"][phi], f"S of the {name} pathway")
         for panel, (phi, name) in zip(axes[2], _VERTICAL.items(), strict=False):
             kernel = direction_mask(params, phi) * (kernels[0] + kernels[1])
             image = panel.imshow(kernel, cmap=SHADES, extent=(-6.5, 6.5, 6.5, -6.5))
@@ -181,7 +187,7 @@ def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure
             figure.colorbar(image, ax=panel, shrink=0.8, label="weight")
         panel = axes[2, 2]
         panel.plot(list(by_speed), [100 * leak for leak in by_speed.values()], "o-",
-                   color=detector_named("opplod").colour, markersize=3)  # fmt: skip
+                   color=detector_named(REFERENCE).colour, markersize=3)  # fmt: skip
         panel.axhline(1, color=FAINT, lw=0.6, linestyle="--")
         panel.set(title="S of the wrong pathway", xlabel="speed (px/frame)",
                   ylabel="divided by that of the right one (%)")  # fmt: skip
@@ -191,11 +197,11 @@ def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure
 def _draw_diagonals(shown: dict[str, Shown]) -> Figure:
     with styled_figure(WIDE, 3.6) as figure:
         axes = figure.subplots(2, 5)
-        for row, preset in zip(axes, PAPER_PRESETS, strict=True):
-            _picture(row[0], shown[preset]["luma"], f"frame {_SHOWN_FRAME[_BLOCK]}")
-            row[0].set_ylabel(TITLES[preset])
+        for row, (detector, pictures) in zip(axes, shown.items(), strict=True):
+            _picture(row[0], pictures["luma"], f"frame {_SHOWN_FRAME[_BLOCK]}")
+            row[0].set_ylabel(detector)
             for panel, phi in zip(row[1:], _DIAGONALS, strict=True):
-                _map(panel, shown[preset]["maps"][phi], f"S, passes {phi}°")
+                _map(panel, pictures["maps"][phi], f"S, passes {phi}°")
     return figure
 
 
@@ -215,15 +221,12 @@ def _map(axes: Axes, values: Map, title: str) -> None:
 
 def inward_motion() -> Built:
     """Measure how inward motion suppresses the response to outward motion."""
-    shown = {preset: _shown(preset) for preset in PAPER_PRESETS}
+    shown = {detector: _shown(detector) for detector in PAPER_DETECTORS}
+    inward = {detector: _inward(own, detector) for detector, own in shown.items()}
+    suppression = {detector: _suppression(own, detector) for detector, own in shown.items()}
     claims = (
-        Claim.of(
-            "inward-suppressed", {preset: _inward(each, preset) for preset, each in shown.items()}
-        ),
-        Claim.of(
-            "periphery-suppresses",
-            {preset: _suppression(each, preset) for preset, each in shown.items()},
-        ),
+        Claim.of("inward-suppressed", inward),
+        Claim.of("periphery-suppresses", suppression),
     )
     return Built.of(
         "inward",
@@ -231,61 +234,62 @@ def inward_motion() -> Built:
         _draw_inward(shown),
         (
             {
-                "preset": preset, "stimulus": label, "axis_deg": axis, "time_s": time,
+                "detector": detector, "stimulus": label, "axis_deg": axis, "time_s": time,
                 "response": response,
             }
-            for preset, inward in shown.items()
-            for label, by_axis in inward.items()
-            for axis, each in by_axis.items()
-            for time, response in zip(each.time_s, each.response, strict=True)
+            for detector, own in shown.items()
+            for label, by_axis in own.items()
+            for axis, responses in by_axis.items()
+            for time, response in zip(responses.time_s, responses.response, strict=True)
         ),
         settings={
-            preset: described_settings(settings_of(preset), _FIELD_OF_60)
-            for preset in PAPER_PRESETS
+            detector: described_settings(settings_of(detector, _FIELD_OF_60))
+            for detector in PAPER_DETECTORS
         },
     )  # fmt: skip
 
 
-def _shown(preset: str) -> Inward:
-    settings = settings_of(preset, _FIELD_OF_60, detector="opplod")
+def _shown(detector: str) -> Inward:
+    settings = settings_of(detector, _FIELD_OF_60)
     shown: Inward = {}
     for label, name in _STIMULI.items():
         key = "bar.axis_deg" if label == _OUTWARD else "scene.rotation_deg"
         members = presented(name, settings, {key: _ANGLES})
-        responses = (each["opplod"] for each in members.values())
+        responses = (by_detector[detector] for by_detector in members.values())
         shown[label] = dict(zip(_ANGLES, responses, strict=True))
     return shown
 
 
-def _inward(shown: Inward, preset: str) -> Finding:
+def _inward(shown: Inward, detector: str) -> Finding:
     ratios = {
         angle: shown[_INWARD][angle].largest / shown[_OUTWARD][angle].largest for angle in _ANGLES
     }
     return Finding(
         f"Peak for inward motion divided by the peak for outward motion: {_stated(ratios)}.",
-        Verdict.at_most(max(ratios.values()), 0.05, 0.25),
+        ClaimVerdict.at_most(max(ratios.values()), 0.05, 0.25),
         {f"ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
-        _faint(shown, preset),
+        _faint(shown, detector),
     )
 
 
-def _suppression(shown: Inward, preset: str) -> Finding:
+def _suppression(shown: Inward, detector: str) -> Finding:
     both, outward = (
         {angle: float(np.nanmean(shown[label][angle].response)) for angle in _ANGLES}
         for label in (_BOTH, _OUTWARD)
     )
     ratios = {angle: both[angle] / outward[angle] for angle in _ANGLES}
-    holds = Verdict.at_most(max(ratios.values()), 0.5, np.inf)
+    holds = ClaimVerdict.at_most(max(ratios.values()), 0.5, np.inf)
     return Finding(
         f"Mean response with inward motion divided by that without it: {_stated(ratios)}.",
-        holds if min(ratios.values()) <= 0.9 else Verdict.DOES_NOT,
+        holds if min(ratios.values()) <= 0.9 else ClaimVerdict.DOES_NOT,
         {f"mean_ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
-        _faint(shown, preset),
+        _faint(shown, detector),
     )
 
 
-def _faint(shown: Inward, preset: str) -> str:
-    return faint_note("opplod", shown[_OUTWARD].values(), settings_of(preset), "to outward motion")
+def _faint(shown: Inward, detector: str) -> str:
+    settings = settings_of(detector)
+    return faint_note(detector, shown[_OUTWARD].values(), settings, "to outward motion")
 
 
 def _stated(ratios: dict[int, float]) -> str:
@@ -295,30 +299,30 @@ def _stated(ratios: dict[int, float]) -> str:
 def _draw_inward(shown: dict[str, Inward]) -> Figure:
     with styled_figure(WIDE, 4.8) as figure:
         axes = figure.subplots(2, 3, width_ratios=[1, 1, 0.72])
-        for row, (preset, each) in zip(axes, shown.items(), strict=True):
+        for row, (detector, own) in zip(axes, shown.items(), strict=True):
             for panel, angle in zip(row, _ANGLES, strict=False):
-                largest = max(each[label][angle].largest for label in _STIMULI) or 1.0
+                largest = max(own[label][angle].largest for label in _STIMULI) or 1.0
                 for label, colour, dash in zip(_STIMULI, CYCLE, ("-", "--", "-."), strict=False):
-                    responses = each[label][angle]
+                    responses = own[label][angle]
                     panel.plot(
                         responses.time_s, responses.response / largest, color=colour,
                         linestyle=dash, label=label,
                     )  # fmt: skip
-                panel.set(title=f"{TITLES[preset]}, axis {angle}°", xlabel="time (s)")
+                panel.set(title=f"{detector}, axis {angle}°", xlabel="time (s)")
                 panel.set_ylim(-0.03, 1.08)
             row[0].set_ylabel("response / largest")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-        for panel, (preset, weight) in zip(axes[:, 2], _FILTERS.items(), strict=True):
-            _draw_filter(figure, panel, preset, weight)
+        for panel, (detector, weight) in zip(axes[:, 2], _FILTERS.items(), strict=True):
+            _draw_filter(figure, panel, detector, weight)
     return figure
 
 
-def _draw_filter(figure: Figure, panel: Axes, preset: str, weight: int) -> None:
+def _draw_filter(figure: Figure, panel: Axes, detector: str, weight: int) -> None:
     x, y = np.meshgrid(np.linspace(-1, 1, 101), np.linspace(1, -1, 101))
     along = x + y
     weights = np.where(np.abs(along) < 1e-9, 0, np.where(along > 0, 1, weight))
     image = panel.imshow(weights, extent=(-1, 1, -1, 1), cmap="RdBu_r", vmin=-1.6, vmax=1.6)
-    panel.set(title=f"filter of {preset}", xlabel="offset x / half field")
+    panel.set(title=f"filter of {detector}", xlabel="offset x / half field")
     panel.set_ylabel("offset y / half field")
     panel.annotate("passes 45°", (0.1, 0.15), fontsize=6)
     bar = figure.colorbar(image, ax=panel, ticks=[-1, 0, 1], shrink=0.8)

@@ -1,4 +1,4 @@
-"""The stimuli of an LPLC2 study: presets and models compared with neurons (``docs/lplc2.md``)."""
+"""The stimuli of an LPLC2 study: detectors compared with neurons (``docs/lplc2.md``)."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from oppload_cli.models.registry import detector_named, parameters_of
-from oppload_cli.pipeline.settings import Settings, resolve
+from oppload_cli.models.opplod_lplc2 import OpplodLplc2, OpplodLplc2Params
 from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, styled_figure
 from oppload_cli.reference import SOURCE, lplc2_peaks
 from oppload_cli.reproduction.bars import draw_beside_neurons
 from oppload_cli.reproduction.claims import (
     NO_RESPONSE,
+    PAPER,
+    REFERENCE,
     WIDE,
     Built,
     Claim,
+    ClaimVerdict,
     Finding,
-    Verdict,
     described_settings,
+    settings_of,
 )
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import present
@@ -33,16 +35,19 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
     from numpy.typing import NDArray
 
+    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
 
     Series = NDArray[np.float64]
 
-_PRESET = "lplc2"
-# One unit in the middle of the stimulus, because the study recorded from one neuron.
-_CENTRE = ("opplod.units=1x1",)
-_FIELD = ("opplod.receptive_field=200",)  # 60 degrees, as that of preset lplc2
-_SETTINGS = {_PRESET: _CENTRE, "reference": (*_CENTRE, *_FIELD), "paper": ()}
-_MODELS = "mlplc2", "emd_lplc2_gf", "zhou_lrf"
+_FITTED = OpplodLplc2.name
+_DETECTORS = _FITTED, REFERENCE, PAPER, "mlplc2", "emd_lplc2_gf", "zhou_lrf"
+_ASSIGNMENTS = (
+    # One unit in the middle of the stimulus, because the study recorded from one neuron.
+    f"{_FITTED}.units=1x1",
+    f"{REFERENCE}.units=1x1",
+    f"{REFERENCE}.receptive_field=200",  # 60 degrees, as that of opplod_lplc2
+)
 
 
 class _Family(NamedTuple):
@@ -70,18 +75,18 @@ _NAMED_DIRECTIONS = "right", "down"  # ends of published names; the table also h
 
 
 class Row(NamedTuple):
-    """A row of ``lplc2.csv``: the peak of one preset or model for one stimulus."""
+    """A row of ``lplc2.csv``: the peak of one detector for one stimulus."""
 
     stimulus: str
     axis_deg: float | None
     width_deg: int | None
-    preset_or_model: str
+    detector: str
     peak_over_loom: float
     published: float | None
 
 
 class _Shown(NamedTuple):
-    """The responses of one preset or model, in the order of the stimuli."""
+    """The responses of one detector, in the order of the stimuli."""
 
     rows: tuple[Row, ...]
     # Times in s and calcium signals divided by the peak for the loom, by stimulus, for a figure.
@@ -108,12 +113,12 @@ def _published() -> dict[tuple[str, float | None], float]:
 
 
 def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
-    """Show stimuli of the battery to a preset of OppLoD, or to another model.
+    """Show stimuli of the battery to a detector.
 
     Parameters
     ----------
     name : str
-        ``lplc2``, ``reference``, ``paper``, or a model.
+        Name of the detector, such as ``opplod_lplc2``.
     families : iterable of _Family
         The families to show; the loom must be one of them.
 
@@ -121,9 +126,9 @@ def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
     -------
     _Shown
         The peaks of the calcium signal, divided by the peak for the loom. The calcium signal always
-        has the time constant of preset ``lplc2``.
+        has the time constant of ``opplod_lplc2``.
     """
-    settings = _settings(name)
+    settings = settings_of(name, _ASSIGNMENTS)
     signals = {
         (family, axis_of(protocol.name)): _signal(protocol, settings)
         for family in families
@@ -149,16 +154,10 @@ def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
     return _Shown(rows, courses)
 
 
-def _settings(name: str) -> Settings:
-    if name in _SETTINGS:
-        return resolve(preset=name, models=["opplod"], assignments=_SETTINGS[name])
-    return resolve(models=[name])
-
-
 def _signal(protocol: Protocol, settings: Settings) -> tuple[Series, Series]:
     """Return times in s and the calcium signal of the only detector in the settings."""
-    params = parameters_of("opplod", _PRESET)
-    (responses,) = present(protocol, settings, indicator_s=params.calcium_s).values()
+    indicator_s = OpplodLplc2Params().calcium_s
+    (responses,) = present(protocol, settings, indicator_s=indicator_s).values()
     return responses.time_s, np.nan_to_num(responses.response)
 
 
@@ -208,22 +207,20 @@ def _ratio(one: float, other: float) -> float:
 
 
 def battery() -> Built:
-    """Show the complete battery to three presets and to the other LPLC2 models."""
-    shown = {name: show(name) for name in (*_SETTINGS, *_MODELS)}
+    """Show the complete battery to three versions of OppLoD and to the other LPLC2 models."""
+    shown = {name: show(name) for name in _DETECTORS}
     claims = (
-        Claim.of("battery-peaks", {name: _alike(each.rows) for name, each in shown.items()}),
-        Claim.of("battery-effects", {name: _effects(each.rows) for name, each in shown.items()}),
+        Claim.of("battery-peaks", {name: _alike(own.rows) for name, own in shown.items()}),
+        Claim.of("battery-effects", {name: _effects(own.rows) for name, own in shown.items()}),
     )
     return Built.of(
         "lplc2",
         claims,
         _draw(shown),
-        (row._asdict() for each in shown.values() for row in each.rows),
-        settings={
-            name: described_settings(_settings(name), _SETTINGS.get(name, ())) for name in shown
-        },
+        (row._asdict() for own in shown.values() for row in own.rows),
+        settings={name: described_settings(settings_of(name, _ASSIGNMENTS)) for name in shown},
         source=SOURCE,
-        ranges=_ranges(shown["lplc2"].rows),
+        ranges=_ranges(shown[_FITTED].rows),
     )
 
 
@@ -248,9 +245,9 @@ def _alike(rows: Sequence[Row]) -> Finding:
     else:
         r = float(np.corrcoef(model[others], neurons[others])[0, 1])
         text = f"r {r:.3f}, rms {rms:.3g}."
-    verdict = Verdict.DOES_NOT
+    verdict = ClaimVerdict.DOES_NOT
     if r >= 0.5 and rms <= 0.25:
-        verdict = Verdict.HOLDS if r >= 0.95 and rms <= 0.08 else Verdict.IN_PART
+        verdict = ClaimVerdict.HOLDS if r >= 0.95 and rms <= 0.08 else ClaimVerdict.IN_PART
     return Finding(text, verdict, {"r": r, "rms": rms})
 
 
@@ -260,7 +257,7 @@ def _effects(rows: Sequence[Row]) -> Finding:
     parts = "; ".join(f"{name}: {_in_words(value)}" for name, (value, _, _) in ratios.items())
     return Finding(
         f"{sum(in_range)} of {len(in_range)}. {parts}.",
-        Verdict.at_least(sum(in_range) / len(in_range), 1, 0.5),
+        ClaimVerdict.at_least(sum(in_range) / len(in_range), 1, 0.5),
         {name: value for name, (value, _, _) in ratios.items()},
     )
 
@@ -279,17 +276,17 @@ def _draw(shown: Mapping[str, _Shown]) -> Figure:
         grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.05))
         for column, width in enumerate((10, 60)):
             curves = {
-                f"preset {name}": {
+                name: {
                     row.axis_deg: row.peak_over_loom
                     for row in shown[name].rows
                     if row.stimulus == f"bar-expand-{width}"
                 }
-                for name in (_PRESET, "reference")
+                for name in (_FITTED, REFERENCE)
             }
             panel = figure.add_subplot(grid[0, column], projection="polar")
             draw_beside_neurons(cast("PolarAxes", panel), width, curves, "of the loom")
-        _others(figure.add_subplot(grid[1, 0]), shown[_PRESET].rows)
-        _courses(figure.add_subplot(grid[1, 1]), shown[_PRESET])
+        _others(figure.add_subplot(grid[1, 0]), shown[_FITTED].rows)
+        _courses(figure.add_subplot(grid[1, 1]), shown[_FITTED])
     return figure
 
 
@@ -301,7 +298,7 @@ def _others(axes: Axes, rows: Sequence[Row]) -> None:
     place = np.arange(len(other))
     # The axis is inverted below, so that the bars have the order of the legend.
     axes.barh(place - 0.2, [row.peak_over_loom for row in other], 0.4, color=CYCLE[0],
-              label="preset lplc2")  # fmt: skip
+              label=_FITTED)  # fmt: skip
     axes.barh(place + 0.2, [row.published or 0 for row in other], 0.4, color=LPLC2, label="LPLC2")
     names = [
         row.stimulus if row.axis_deg is None else f"{row.stimulus} {row.axis_deg:g} deg"
@@ -320,5 +317,5 @@ def _courses(axes: Axes, shown: _Shown) -> None:
         axes.plot(time, signal, color=colour, lw=1, label=name)
     axes.axhline(1, color=FAINT, lw=0.7, linestyle="--")
     axes.set_xlabel("time (s)")
-    axes.set_ylabel(f"calcium signal of {detector_named('opplod').label}, preset lplc2 / loom")
+    axes.set_ylabel(f"calcium signal of {_FITTED} / loom")
     axes.legend(frameon=False, fontsize="small")

@@ -12,13 +12,13 @@ from oppload_cli.motion.rmo import RmoMetrics, RmoParams, rmo, rmo_metrics
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import CYCLE, FAINT, INK, styled_figure
 from oppload_cli.reproduction.claims import (
+    NO_DETECTOR,
     NO_PAUSE,
-    NO_PRESET,
     WIDE,
     Built,
     Claim,
+    ClaimVerdict,
     Finding,
-    Verdict,
 )
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.stimulus.truth import frame_truth
@@ -70,21 +70,21 @@ def definition() -> Built:
     largest, literal = _differences()
     both_sides = float(rmo((-1.0, 0.0), (1.0, 0.0)))
     one_side = float(rmo((-1.0, 0.0), (1.0, 0.0), sides=1))
-    counted = Verdict.HOLDS if one_side >= 0.99 else Verdict.IN_PART
+    counted = ClaimVerdict.HOLDS if one_side >= 0.99 else ClaimVerdict.IN_PART
     closed_form = Finding(
         f"Over {_PAIRS} random pairs, they differ by at most {largest:.1g}.",
-        Verdict.at_most(largest, 1e-3, 0.05),
+        ClaimVerdict.at_most(largest, 1e-3, 0.05),
         {"largest_difference": largest},
     )
     mirrored = Finding(
         f"The integral as printed gives {100 * one_side:.0f} %; with both sides of the centre it "
         f"gives {100 * both_sides:.0f} %.",
-        counted if both_sides >= 0.99 else Verdict.DOES_NOT,
+        counted if both_sides >= 0.99 else ClaimVerdict.DOES_NOT,
         {"one_side": one_side, "both_sides": both_sides},
     )
     claims = (
-        Claim.of("rmo-closed-form", {NO_PRESET: closed_form}),
-        Claim.of("rmo-mirrored", {NO_PRESET: mirrored}),
+        Claim.of("rmo-closed-form", {NO_DETECTOR: closed_form}),
+        Claim.of("rmo-mirrored", {NO_DETECTOR: mirrored}),
     )
     rows = (
         {
@@ -92,7 +92,7 @@ def definition() -> Built:
             "rom_pairs": metrics.rom_pairs,
             "rmo": metrics.rmo_max if metrics.rom_pairs else None,
         }
-        for name, metrics in ((each, _pattern(each)) for each in _PATTERNS)
+        for name, metrics in ((pattern, _pattern(pattern)) for pattern in _PATTERNS)
     )
     return Built.of("rmo-definition", claims, _draw_definition(), rows, literal=literal)
 
@@ -226,18 +226,18 @@ def stimuli() -> Built:
     """Compare the RMO index of looming and other stimuli."""
     by_frame = {"looming": _indices(_LOOMING), "other": _indices(_OTHERS)}
     looming, others = (
-        {name: np.array(list(each.values())) for name, each in shown.items()}
+        {name: np.array(list(indices.values())) for name, indices in shown.items()}
         for shown in by_frame.values()
     )
     least = min(float(index.min()) for index in looming.values())
     worst = max(others, key=lambda name: float(others[name].max()))
     most = float(others[worst].max())
-    typical, other = (np.median(np.concatenate(list(each.values()))) for each in (looming, others))
-    overlap = Verdict.IN_PART if typical > other else Verdict.DOES_NOT
+    typical, other = (np.median(np.concatenate(list(kind.values()))) for kind in (looming, others))
+    overlap = ClaimVerdict.IN_PART if typical > other else ClaimVerdict.DOES_NOT
     finding = Finding(
         f"The index is at least {least:.2f} in looming frames and at most {most:.2f} in "
         f"others ({worst.partition('/')[2]}); the medians are {typical:.2f} and {other:.2f}.",
-        Verdict.HOLDS if least > most else overlap,
+        ClaimVerdict.HOLDS if least > most else overlap,
         {
             "least_of_looming": least,
             "largest_of_others": most,
@@ -247,15 +247,15 @@ def stimuli() -> Built:
     )
     return Built.of(
         "rmo-stimuli",
-        [Claim.of("rmo-looming", {NO_PRESET: finding})],
+        [Claim.of("rmo-looming", {NO_DETECTOR: finding})],
         _draw_stimuli(looming, others),
         (
             {"kind": kind, "stimulus": name, "frame": frame, "rmo_index": index}
             for kind, shown in by_frame.items()
-            for name, each in shown.items()
-            for frame, index in each.items()
+            for name, indices in shown.items()
+            for frame, index in indices.items()
         ),
-        settings={NO_PRESET: f"{_HEIGHT} px"},
+        settings={NO_DETECTOR: f"{_HEIGHT} px"},
     )
 
 
@@ -272,12 +272,12 @@ def _indices(changes: dict[str, dict[str, list[int]]]) -> dict[str, dict[int, fl
 def _index(protocol: Protocol) -> dict[int, float]:
     """Return the RMO index by frame, of frames in which an edge is fast enough or objects turn."""
     flow, scale = DenseFlow(), _HEIGHT / protocol.display.height
-    turning = any(each.motion and each.motion.rotation_deg_s for each in protocol.objects)
+    turning = any(shown.motion and shown.motion.rotation_deg_s for shown in protocol.objects)
     values = {}
     for frame in StimulusVideo(protocol, _HEIGHT):
         motion = flow.step(frame.luma, frame.time_s)
-        moving = [each for each in frame_truth(protocol, frame.index).objects if each.visible]
-        speed = max((abs(each.edge_speed_px_frame) for each in moving), default=0.0) * scale
+        moving = [truth for truth in frame_truth(protocol, frame.index).objects if truth.visible]
+        speed = max((abs(truth.edge_speed_px_frame) for truth in moving), default=0.0) * scale
         if motion is not None and (speed > _SLOWEST or turning):
             values[frame.index] = rmo_of(motion, RmoParams()).rmo_index
     return values

@@ -13,7 +13,7 @@ import pytest
 
 from docs.generate_reproduction import DOCS, part
 from oppload_cli.reproduction import claims
-from oppload_cli.reproduction.claims import FIGURES, Verdict
+from oppload_cli.reproduction.claims import FIGURES, ClaimVerdict
 from tests.cli.inside import oppload
 
 if TYPE_CHECKING:
@@ -70,7 +70,8 @@ def check_page(folder: Path, names: list[str]) -> None:
         assert picture.std() > 5
         assert len(parts["statement"]) >= 1
         assert len(parts["measured"]) == len(parts["verdict"]) >= len(parts["statement"])
-        assert {each.removesuffix(", hardly responds") for each in parts["verdict"]} <= set(Verdict)
+        verdicts = {text.removesuffix(", hardly responds") for text in parts["verdict"]}
+        assert verdicts <= set(ClaimVerdict)
         assert parts["command"] == [f"oppload reproduce --only {name}"]
     # Nothing is fetched: pictures are in the page, and links stay in it.
     assert all(link.startswith(("data:image/png;base64,", "#")) for link in page.links)
@@ -84,7 +85,7 @@ def one_figure(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert done.returncode == 0
     judged = json.loads((folder / "report.json").read_text())["figures"][0]["claims"]
     given = [finding["verdict"] for claim in judged for finding in claim["measured"].values()]
-    counts = ", ".join(f"{given.count(each)} '{each}'" for each in Verdict)
+    counts = ", ".join(f"{given.count(verdict)} '{verdict}'" for verdict in ClaimVerdict)
     assert done.stderr == f"verdicts on the statements of the paper: {counts}\n"
     assert done.stdout.split() == [str(folder / name) for name in names]
     assert sorted(path.name for path in folder.iterdir()) == sorted(names)
@@ -178,6 +179,6 @@ def test_every_figure_of_the_paper(tmp_path: Path, browser: Browser) -> None:
     assert browser.pictures() == len(FIGURES)
     report: dict[str, Any] = json.loads((folder / "report.json").read_text())
     verdicts = {figure["name"]: figure["verdicts"] for figure in report["figures"]}
-    assert verdicts["up-down"]["reference"] == "holds"
-    assert verdicts["inward"]["paper"] == "does not hold"
-    assert {one for each in verdicts.values() for one in each.values()} == set(Verdict)
+    assert verdicts["up-down"]["opplod_reference"] == "holds"
+    assert verdicts["inward"]["opplod_paper"] == "does not hold"
+    assert {one for given in verdicts.values() for one in given.values()} == set(ClaimVerdict)

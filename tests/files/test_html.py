@@ -20,9 +20,9 @@ def test_text_in_a_page_is_escaped_and_nothing_may_be_missing() -> None:
     report = {
         "paper": "<script>", "figures": [], "wall_s": 1, "tool": {"oppload": "1", "python": "3"},
     }  # fmt: skip
-    page = rendered("reproduction.html", report=report, introduction="a & b", presets=[])
+    page = rendered("reproduction.html", report=report, introduction="a & b", detectors=[])
     assert "<h1>&lt;script&gt;: which statements hold</h1>" in page
     assert "<p>a &amp; b</p>" in page
     assert "img { height: auto;" in page
     with pytest.raises(UndefinedError):
-        rendered("reproduction.html", report=report, presets=[])
+        rendered("reproduction.html", report=report, detectors=[])

@@ -1,15 +1,16 @@
-"""The battery of an LPLC2 study, and the answers of preset lplc2 to it (docs/lplc2.md)."""
+"""The battery of an LPLC2 study, and the answers of opplod_lplc2 to it (docs/lplc2.md)."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from oppload_cli.models.opplod_lplc2 import OpplodLplc2Params
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.reproduction.claims import Built, Verdict
+from oppload_cli.reproduction.claims import Built, ClaimVerdict
 from oppload_cli.reproduction.lplc2 import (
     BATTERY,
     Row,
@@ -26,28 +27,26 @@ from oppload_cli.tuning.present import present
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from oppload_cli.models.opplod_parameters import OpplodParams
-
 
 def test_likeness_leaves_the_loom_out_of_r() -> None:
     rows = [
-        Row("loom", None, None, "lplc2", 1.0, 1.0),
-        Row("edge", 0, None, "lplc2", 0.2, 0.1),
-        Row("edge", 45, None, "lplc2", 9.0, None),
-        Row("edge", 90, None, "lplc2", 0.4, 0.2),
-        Row("cross-outward", None, 10, "lplc2", 0.5, 0.3),
+        Row("loom", None, None, "one", 1.0, 1.0),
+        Row("edge", 0, None, "one", 0.2, 0.1),
+        Row("edge", 45, None, "one", 9.0, None),
+        Row("edge", 90, None, "one", 0.4, 0.2),
+        Row("cross-outward", None, 10, "one", 0.5, 0.3),
     ]
     r, rms = _alike(rows).numbers.values()
     assert r == pytest.approx(np.corrcoef([0.2, 0.4, 0.5], [0.1, 0.2, 0.3])[0, 1])
     assert rms == pytest.approx(math.sqrt((0 + 0.01 + 0.04 + 0.04) / 4))
-    assert _alike(rows).verdict is Verdict.IN_PART
+    assert _alike(rows).verdict is ClaimVerdict.IN_PART
     large = [row._replace(peak_over_loom=10 * row.peak_over_loom) for row in rows]
-    assert _alike(large).verdict is Verdict.DOES_NOT
+    assert _alike(large).verdict is ClaimVerdict.DOES_NOT
     table = Built("lplc2", "", "", (), None, tuple(row._asdict() for row in rows)).table()
     assert table.splitlines()[:3] == [
-        "stimulus,axis_deg,width_deg,preset_or_model,peak_over_loom,published",
-        "loom,,,lplc2,1,1",
-        "edge,0,,lplc2,0.2,0.1",
+        "stimulus,axis_deg,width_deg,detector,peak_over_loom,published",
+        "loom,,,one,1,1",
+        "edge,0,,one,0.2,0.1",
     ]
 
 
@@ -60,8 +59,8 @@ def test_phenomena_of_a_silent_model_are_in_no_range() -> None:
     }
     rows = [
         Row(name, axis, None, "toy", float(name == "loom"), None)
-        for name, each in axes.items()
-        for axis in each
+        for name, own in axes.items()
+        for axis in own
     ]
     found = phenomena(rows)
     assert len(found) == 10
@@ -128,8 +127,9 @@ def test_every_published_peak_has_its_stimulus() -> None:
 
 @pytest.mark.long
 def test_a_loom_outward_and_inward_arms() -> None:
-    families = [each for each in BATTERY if each.name in {"loom", "cross-outward", "cross-inward"}]
-    shown = show("lplc2", families)
+    names = {"loom", "cross-outward", "cross-inward"}
+    families = [family for family in BATTERY if family.name in names]
+    shown = show("opplod_lplc2", families)
     peaks = {row.stimulus: row.peak_over_loom for row in shown.rows}
     assert {name: signal.max() for name, (_, signal) in shown.courses.items()} == peaks
     assert peaks["loom"] == 1
@@ -141,12 +141,12 @@ def off_centre(
     places: Sequence[tuple[float, float]], stimulus: str = "klapoetke2017/loom"
 ) -> list[float]:
     """Return peaks of one unit for a disk at places in degrees, over that in its centre."""
-    settings = resolve(preset="lplc2", models=["opplod"], assignments=["opplod.units=1x1"])
-    params = cast("OpplodParams", settings.groups["opplod"])
+    settings = resolve(models=["opplod_lplc2"], assignments=["opplod_lplc2.units=1x1"])
+    indicator_s = OpplodLplc2Params().calcium_s
     peaks = []
     for place in ((0.0, 0.0), *places):
         (protocol,) = load_all(stimulus, {"disk.centre_deg": list(place)})
-        shown = present(protocol, settings, indicator_s=params.calcium_s)["opplod"]
+        shown = present(protocol, settings, indicator_s=indicator_s)["opplod_lplc2"]
         peaks.append(float(np.nanmax(shown.response)))
     return [peak / peaks[0] for peak in peaks[1:]]
 
@@ -160,9 +160,9 @@ def test_a_loom_off_the_centre() -> None:
 
 @pytest.mark.long
 def test_the_unit_over_a_loom_wins() -> None:
-    settings = resolve(preset="lplc2", models=["opplod"])
+    settings = resolve(models=["opplod_lplc2"])
     (protocol,) = load_all("klapoetke2017/loom", {"disk.centre_deg": [10.6, -10.6]})
-    found = present(protocol, settings)["opplod"]
+    found = present(protocol, settings)["opplod_lplc2"]
     off = np.hypot(*(found.centre - (180 + 5 * 10.6)).T) / 5
     moving = found.response > 0
     assert moving.sum() > 5
@@ -176,14 +176,15 @@ def test_the_same_peaks_at_other_rates_and_sizes() -> None:
 
     def peaks(rate: int, height: int) -> list[float]:
         settings = resolve(
-            preset="lplc2", models=["opplod"], height=str(height), assignments=["opplod.units=1x1"]
+            models=["opplod_lplc2"], height=str(height), assignments=["opplod_lplc2.units=1x1"]
         )
         signals = []
         for name in names:
             changes = {"display.frame_rate": rate} | (large if height > 360 else {})
             (protocol,) = load_all(f"klapoetke2017/{name}", changes)
-            signals.append(float(np.nanmax(present(protocol, settings, 1, 1.0)["opplod"].response)))
-        return [each / signals[0] for each in signals]
+            (shown,) = present(protocol, settings, 1, 1.0).values()
+            signals.append(float(np.nanmax(shown.response)))
+        return [signal / signals[0] for signal in signals]
 
     usual = peaks(30, 240)
     for rate, height, within in ((60, 240, 0.03), (240, 240, 0.03), (30, 480, 0.15)):
@@ -192,15 +193,15 @@ def test_the_same_peaks_at_other_rates_and_sizes() -> None:
 
 @pytest.mark.slow
 def test_it_is_tuned_as_the_neurons_are() -> None:
-    rows = show("lplc2").rows
+    rows = show("opplod_lplc2").rows
     assert len(rows) == 123
-    assert _alike(rows).verdict is Verdict.HOLDS
+    assert _alike(rows).verdict is ClaimVerdict.HOLDS
     for name, (value, low, high) in phenomena(rows).items():
         assert low <= value <= high, name
 
 
 @pytest.mark.slow
-def test_the_reference_preset_is_not() -> None:
-    r, rms = _alike(show("reference").rows).numbers.values()
+def test_opplod_reference_is_not() -> None:
+    r, rms = _alike(show("opplod_reference").rows).numbers.values()
     assert rms > 1
     assert r < 0.8
