@@ -1,10 +1,10 @@
 """Measure the structure of the package.
 
     python tools/structure.py [CHECKOUT]   # print the figures of a checkout
-    python tools/structure.py --table      # write the figures of this checkout into the docs
 
-The last two figures come from a run that `tools.tracer` watches, and need the libraries of
-oppload. All others come from the text of the source.
+All figures but those of a middle frame come from the text of the source. A middle frame is the
+tenth frame of an `oppload_cli.Analysis`, from the array to its row of the table; each call of a
+function of the package counts.
 """  # fmt: skip
 
 from __future__ import annotations
@@ -16,15 +16,10 @@ import sys
 import tokenize
 from collections import Counter
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 PACKAGE = "oppload_cli"
 ROOT = Path(__file__).resolve().parents[1]
-_PAGE = ROOT / "docs" / "development" / "structure.md"
-_MARKS = ("<!-- structure: begin -->\n", "<!-- structure: end -->\n")
-
 # A room may import from the layers below its own, and within its layer without a circle.
 # A room is a folder, or a single file at the top of the package.
 LAYERS: dict[str, tuple[str, ...]] = {
@@ -33,33 +28,47 @@ LAYERS: dict[str, tuple[str, ...]] = {
         *("batch", "evaluation", "reproduction", "tuning", "pipeline", "annotation", "plots"),
         "report",
     ),
-    "answers": ("stimulus", "detection", "results"),
+    "answers": ("stimulus", "detection", "frames", "results"),
     "science": ("models", "motion", "video"),
     "machine": ("compute", "processes", "files", "environment"),
-    "ground": ("schema", "errors", "palette", "reference", "version"),
+    "ground": ("schema", "errors", "palette", "reference", "ticks", "version"),
 }
 
-# Each figure before the package was laid out in these rooms, and the largest value that is wanted
-# (None: no aim was set). The keys are in the order of the table.
-BEFORE_AND_AIM: dict[str, tuple[float, float | None]] = {
-    "files that name a detector, outside `models` and `reproduction`": (24, 3),
-    "modules of `models`": (25, 14),
-    "imports inside `models`": (83, 35),
-    "lines of `models`": (3531, 1900),
-    "lines of Python": (29012, 24000),
-    "lines of C": (1141, 850),
-    "modules": (200, 130),
-    "modules with one importer": (67, 20),
-    "modules with one public name": (61, None),
-    "`noqa`": (158, 40),
-    "imports in functions": (118, 40),
-    "imports in functions, outside `cli`": (39, None),
-    "public names per 1,000 lines of code": (33.3, 22),
-    "import circles": (0, 0),
-    "import circles, with those for types": (3, 0),
-    "files entered by a run": (72, 25),
-    "climbs of a run": (3, 5),
-}
+# The way from a frame to OppLoD's response.
+OPPLOD = (
+    "models/opplod*.py",
+    "models/opposing_motion.py",
+    "models/agreement.py",
+    "models/arms.py",
+    "models/units.py",
+    "models/dpc.py",
+    "models/layers.py",
+    "models/timebase.py",
+    "pipeline/repeats.py",
+    "pipeline/one_pass.py",
+    "frames/*.py",
+    "ticks.py",
+)
+_SCIENCE = {"models", "detection", "motion", "frames", "ticks"}
+_MIDDLE_FRAME = """
+import sys
+import numpy as np
+import oppload_cli
+
+analysis = oppload_cli.Analysis((240, 320), rate=30, rmo=True)
+y, x = np.mgrid[:240, :320]
+events = []
+def seen(frame, event, _):
+    if event == "call" and "/oppload_cli/" in frame.f_code.co_filename:
+        events.append(frame.f_code.co_filename)
+for number in range(10):
+    disk = np.clip(np.hypot(x - 160, y - 120) - 400 / (40 - number), 0, 1)
+    if number == 9:
+        sys.setprofile(seen)
+    analysis.step(disk, number / 30).values()
+    sys.setprofile(None)
+print(len(set(events)), sum(a != b for a, b in zip(events, events[1:])), len(events))
+"""
 
 Graph = dict[str, set[str]]
 
@@ -145,107 +154,122 @@ def circles(graph: Graph) -> set[frozenset[str]]:
 def figures_of_source(root: Path) -> dict[str, float]:
     """Return the figures that follow from the source text, by title."""
     modules = modules_of(root)
-    text = {name: path.read_text("utf-8") for name, path in modules.items()}
     trees = {name: _tree(path) for name, path in modules.items()}
-    lines = {name: each.count("\n") for name, each in text.items()}
     code = sum(_code_lines(path, trees[name]) for name, path in modules.items())
-    public = {name: _public_names(tree) for name, tree in trees.items()}
-    graph = import_graph(modules)
-    files = [name for name, path in modules.items() if path.name != "__init__.py"]
-    models = {name for name in files if room_of(name) == "models"}
-    importers = Counter(other for imported in graph.values() for other in imported)
-    c_files = [path for path in (root / PACKAGE).rglob("*") if path.suffix in {".c", ".h"}]
+    opplod = [path for pattern in OPPLOD for path in (root / PACKAGE).glob(pattern)]
+    classes = Counter(
+        node.name for tree in trees.values() for node in tree.body if isinstance(node, ast.ClassDef)
+    )
+    files = Counter(path.name for path in modules.values() if path.name != "__init__.py")
+    tests = list((root / "tests").rglob("*.py"))
     return {
-        "files that name a detector, outside `models` and `reproduction`": len(
-            detector_names(root)
+        "lines of code": code,
+        "lines of code from a frame to OppLoD's response": sum(
+            _code_lines(path, _tree(path)) for path in opplod
         ),
-        "modules of `models`": len(models),
-        "imports inside `models`": sum(len(graph[name] & models) for name in models),
-        "lines of `models`": sum(n for name, n in lines.items() if room_of(name) == "models"),
-        "lines of Python": sum(lines.values()),
-        "lines of C": sum(path.read_text("utf-8").count("\n") for path in c_files),
-        "modules": len(files),
-        "modules with one importer": sum(importers[name] == 1 for name in files),
-        "modules with one public name": sum(public[name] == 1 for name in files),
-        "`noqa`": sum(each.count("# noqa") for each in text.values()),
-        "imports in functions": sum(_imports_in_functions(tree) for tree in trees.values()),
-        "imports in functions, outside `cli`": sum(
-            _imports_in_functions(tree) for name, tree in trees.items() if room_of(name) != "cli"
+        "modules": len(modules),
+        "declared parameters": sum(
+            _parameters(tree) for name, tree in trees.items() if _is_of_a_run(name)
         ),
-        "public names per 1,000 lines of code": round(1000 * sum(public.values()) / code, 1),
+        "private numeric constants of the science": sum(
+            _private_numbers(tree) for name, tree in trees.items() if room_of(name) in _SCIENCE
+        ),
+        "private top-level names per 1,000 lines of code": round(
+            1000 * sum(map(_private_names, trees.values())) / code, 1
+        ),
+        "loops whose variable is `each`": sum(map(_each_loops, trees.values())),
+        "class names that exist twice": sum(count > 1 for count in classes.values()),
+        "module names that exist twice": sum(count > 1 for count in files.values()),
+        "lines of tests": sum(path.read_text("utf-8").count("\n") for path in tests),
         "import circles": len(circles(import_graph(modules, types=False))),
-        "import circles, with those for types": len(circles(graph)),
     }
 
 
-def figures_of_run(root: Path) -> dict[str, float]:
-    """Return the figures of a run from the command to its CSV file, by title.
-
-    `tools.tracer` runs ``oppload run`` on a small clip and notes each call from a module of the
-    package into another one. A climb is a pair of modules in which the room of the caller lies in
-    a lower layer than the room of the called module.
-    """
-    with TemporaryDirectory() as folder:
-        log = Path(folder, "calls")
-        tracer = Path(__file__).with_name("tracer.py")
-        command = [sys.executable, str(tracer), str(root), str(log), folder]
-        subprocess.run(command, check=True, capture_output=True)
-        pairs = {tuple(line.split(" ")) for line in log.read_text("utf-8").splitlines()}
-    layers = {module: layer_of(room_of(module)) for pair in pairs for module in pair if module}
+def figures_of_a_frame(root: Path) -> dict[str, float]:
+    """Return how many files a middle frame enters, how often it changes the file, and its calls."""
+    done = subprocess.run(
+        [sys.executable, "-c", _MIDDLE_FRAME], cwd=root, check=True, capture_output=True, text=True
+    )
+    files, changes, calls = map(int, done.stdout.split())
     return {
-        "files entered by a run": len(layers),
-        "climbs of a run": sum(layers[called] < layers[by] for by, called in pairs if by),
+        "a middle frame: files": files,
+        "a middle frame: changes of the file": changes,
+        "a middle frame: calls": calls,
     }
-
-
-def detector_names(root: Path) -> list[str]:
-    """Return the modules outside `models` and `reproduction` whose code names a detector."""
-    trees = {
-        name: _tree(path) for name, path in modules_of(root).items() if path.name != "__init__.py"
-    }
-    models = (tree for name, tree in trees.items() if room_of(name) == "models")
-    detectors = {name for tree in models for name in _names_of_classes(tree)}
-    return [
-        name
-        for name, tree in trees.items()
-        if room_of(name) not in {"models", "reproduction"} and _names_a_detector(tree, detectors)
-    ]
-
-
-def _table(figures: dict[str, float]) -> str:
-    """Return the Markdown table of the figures before and now."""
-    lines = ["| measurement | before | aim | now |", "|---|---|---|---|"]
-    for title, now in figures.items():
-        before, aim = BEFORE_AND_AIM[title]
-        lines.append(f"| {title} | {before:,} | {'' if aim is None else f'{aim:,}'} | {now:,} |")
-    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    """Print the figures of a checkout, or write the table of the documentation."""
+    """Print the figures of a checkout."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
         "checkout", type=Path, nargs="?", default=ROOT, help="its folder (this one)"
     )
-    parser.add_argument("--table", action="store_true", help=f"write the figures into {_PAGE.name}")
-    arguments = parser.parse_args()
-    root = arguments.checkout
+    root = parser.parse_args().checkout.resolve()
     if not modules_of(root):
         parser.error(f"{root}: is no checkout: it has no folder {PACKAGE}")
-    figures = figures_of_source(root)
-    if find_spec("av"):
-        figures |= figures_of_run(root)
-    if arguments.table:
-        begin, end = _MARKS
-        before, rest = _PAGE.read_text("utf-8").split(begin)
-        after = rest.split(end)[1]
-        _PAGE.write_text(before + begin + _table(figures) + end + after, "utf-8")
-        return
-    for title, value in figures.items():
-        sys.stdout.write(f"{title:66} {value}\n")
-    sys.stdout.write(f"files that name a detector: {', '.join(detector_names(root))}\n")
+    for title, value in (figures_of_source(root) | figures_of_a_frame(root)).items():
+        sys.stdout.write(f"{title:52} {value:,}\n")
+
+
+def _is_of_a_run(module: str) -> bool:
+    return room_of(module) in {"models", "detection", "motion", "frames", "pipeline"}
+
+
+def _parameters(tree: ast.Module) -> int:
+    """Return the number of values that are declared by `parameter`, or a helper for seconds."""
+    return sum(
+        isinstance(node, ast.AnnAssign)
+        and isinstance(node.value, ast.Call)
+        and getattr(node.value.func, "id", "") in {"parameter", "_seconds"}
+        for node in ast.walk(tree)
+    )
+
+
+def _private_numbers(tree: ast.Module) -> int:
+    """Return the number of private constants at the top level that are numbers, or hold some."""
+    count = 0
+    for node in tree.body:
+        if isinstance(node, ast.Assign):
+            for target in node.targets:
+                names = target.elts if isinstance(target, ast.Tuple) else [target]
+                private = [name for name in names if getattr(name, "id", "").startswith("_")]
+                values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+                numbers = all(_is_number(value) for value in values)
+                count += len(private) * numbers
+    return count
+
+
+def _is_number(node: ast.AST) -> bool:
+    """Return whether an expression is made of numbers alone, such as ``1 / 3`` or ``-2``."""
+    parts = [part for part in ast.walk(node) if isinstance(part, ast.expr)]
+    kinds = ast.Constant | ast.UnaryOp | ast.BinOp
+    return all(
+        isinstance(part, kinds)
+        and not (isinstance(part, ast.Constant) and isinstance(part.value, bool | str | bytes))
+        for part in parts
+    )
+
+
+def _private_names(tree: ast.Module) -> int:
+    """Return the number of private functions, classes and constants at the top level."""
+    names: list[str] = []
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            names.append(node.name)
+        elif isinstance(node, ast.Assign):
+            for target in node.targets:
+                parts = target.elts if isinstance(target, ast.Tuple) else [target]
+                names += [getattr(part, "id", "") for part in parts]
+    return sum(name.startswith("_") and not name.startswith("__") for name in names)
+
+
+def _each_loops(tree: ast.Module) -> int:
+    loops = (node for node in ast.walk(tree) if isinstance(node, ast.For | ast.comprehension))
+    return sum(
+        getattr(name, "id", "") == "each" for loop in loops for name in ast.walk(loop.target)
+    )
 
 
 def _run_when_imported(tree: ast.Module) -> list[ast.stmt]:
@@ -289,54 +313,6 @@ def _code_lines(path: Path, tree: ast.Module) -> int:
             if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
                 lines.difference_update(range(first.lineno, (first.end_lineno or 0) + 1))
     return len(lines)
-
-
-def _public_names(tree: ast.Module) -> int:
-    """Return the number of public functions and classes at the top level of a module."""
-    kinds = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-    return sum(isinstance(node, kinds) and not node.name.startswith("_") for node in tree.body)
-
-
-def _imports_in_functions(tree: ast.Module) -> int:
-    imports = {
-        node
-        for function in ast.walk(tree)
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
-        for node in ast.walk(function)
-        if isinstance(node, ast.Import | ast.ImportFrom)
-    }
-    return len(imports)
-
-
-def _names_of_classes(tree: ast.Module) -> set[str]:
-    """Return the values of the attribute `name` of the classes of a module."""
-    names = set()
-    classes = (each for each in tree.body if isinstance(each, ast.ClassDef))
-    for statement in (statement for each in classes for statement in each.body):
-        match statement:
-            case ast.Assign(targets=[ast.Name(id="name")], value=ast.Constant(value=str(text))):
-                names.add(text)
-    return names
-
-
-def _names_a_detector(tree: ast.Module, detectors: set[str]) -> bool:
-    """Tell whether the code of a module, without its docstrings, names a detector."""
-    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    words = [_word(node) for node in ast.walk(tree) if id(node) not in docstrings]
-    return any(
-        name in word.lower().replace("oppload", "").replace("opplod2023", "")
-        for word in words
-        for name in detectors
-    )
-
-
-def _word(node: ast.AST) -> str:
-    match node:
-        case ast.Constant(value=str(text)):
-            return text
-        case ast.Name(id=word) | ast.Attribute(attr=word) | ast.alias(name=word):
-            return word
-    return ""
 
 
 if __name__ == "__main__":

@@ -20,9 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from scipy.optimize import differential_evolution
-
-from oppload_cli.errors import OpploadError, ParameterError, ResultError
 from oppload_cli.models.arms import (
     DIRECTIONS,
     ArmsJudgement,
@@ -30,6 +27,9 @@ from oppload_cli.models.arms import (
     arm_weights,
     field_weights,
 )
+from scipy.optimize import differential_evolution
+
+from oppload_cli.errors import OpploadError, ParameterError, ResultError
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.models.timebase import Clock
@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
-
     from oppload_cli.models.opplod_parameters import OpplodParams
+
     from oppload_cli.stimulus.protocol import Protocol
 
     Floats = NDArray[np.float64]
