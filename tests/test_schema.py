@@ -186,7 +186,7 @@ def test_what_a_value_may_be_in_words() -> None:
         share: float = parameter(0.5, "share", above=0, high=1e6)
         name: str = parameter("", "name")
 
-    words = [each.allowed for each in (*Bounded.declared(), Outer.declared()[0])]
+    words = [declared.allowed for declared in (*Bounded.declared(), Outer.declared()[0])]
     assert words == ["0 to 4294967295", "above 0, at most 1e+06", "", "disk, bar"]
     with pytest.raises(ParameterError, match="at most 4294967295, not 4294967296"):
         Bounded(seed=2**32)
@@ -202,7 +202,7 @@ def test_the_unit_of_a_value_is_that_at_the_end_of_its_name() -> None:
         sigma_m: float = parameter(1.0, "another unit", unit="px")
         gain: float = parameter(1.0, "no unit")
 
-    units = [each.unit for each in Units.declared()]
+    units = [declared.unit for declared in Units.declared()]
     assert units == ["deg/s", "m/s", "1/s", "", "px", ""]
 
 
@@ -242,7 +242,7 @@ def test_every_declaration_is_described() -> None:
         0,
     )
     assert (cell.words, cell.optional, cell.default, cell.high) == ("whole number", True, None, 10)
-    assert [each.words for each in Outer.declared()] == [
+    assert [declared.words for declared in Outer.declared()] == [
         *("text", "whole number", "number or fraction", "[number, number]", "number", "table")
     ]
 

@@ -24,8 +24,8 @@ DARK, SHADED, WHITE = (34,) * 3, (236,) * 3, (255,) * 3
 def drawn(records: list[FrameRecord]) -> tuple[np.ndarray, Strip]:
     canvas = np.zeros((LAYOUT.height, LAYOUT.width, 3), np.uint8)
     strip = Strip(LAYOUT, list(records[0].detectors))
-    for each in records[:-1]:
-        strip.add(each)
+    for earlier in records[:-1]:
+        strip.add(earlier)
     strip.draw(canvas, records[-1])
     assert not canvas[: LAYOUT.picture.height].any()
     return canvas, strip
@@ -99,8 +99,8 @@ def test_alarms_are_shaded_and_signed_in_no_detectors_colour(models: set[str]) -
     during, _ = drawn(records[:50])
     for name, paint in (("ALARM", DARK), ("opplod", OPPLOD), ("dlgmd", DLGMD)):
         before, sign = (
-            (each[LAYOUT.header.y : LAYOUT.plot.y] == np.array(paint)).all(axis=2).sum()
-            for each in (canvas, during)
+            (image[LAYOUT.header.y : LAYOUT.plot.y] == np.array(paint)).all(axis=2).sum()
+            for image in (canvas, during)
         )
         assert (sign > before + 1000) == (name == "ALARM" or name in models)
     # The edge of the picture is dark and thick.
@@ -139,8 +139,8 @@ def test_a_word_can_be_read_on_the_colour_of_its_detector(
     header = canvas[LAYOUT.header.y + 2 * LAYOUT.line : LAYOUT.plot.y].astype(int)
     ground = (header == np.array(paint_of(name))).all(axis=2).any(axis=0).nonzero()[0]
     sign = header[header.shape[0] // 2 - 4 : header.shape[0] // 2 + 4, ground[0] : ground[-1] + 1]
-    inks = {each: (np.abs(sign - np.array(each)).max(axis=2) <= 8).sum() for each in (DARK, WHITE)}
-    assert max(inks, key=lambda each: inks[each]) == ink
+    inks = {ink: (np.abs(sign - np.array(ink)).max(axis=2) <= 8).sum() for ink in (DARK, WHITE)}
+    assert max(inks, key=lambda paint: inks[paint]) == ink
 
 
 @pytest.mark.parametrize(

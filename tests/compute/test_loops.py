@@ -49,13 +49,13 @@ def build(folder: Path, name: str) -> None:
     """
     built = SOURCES / f"loops.{name}{loops.SUFFIX}"
     if built.exists():
-        for each in SOURCES.glob(f"{built.name}*"):
-            shutil.copy(each, folder)
+        for path in SOURCES.glob(f"{built.name}*"):
+            shutil.copy(path, folder)
         return
     if not (shutil.which("cc") or shutil.which("gcc")):
         pytest.skip("no C compiler is installed")
-    for each in SOURCES.glob("*.[ch]"):
-        shutil.copy(each, folder)
+    for path in SOURCES.glob("*.[ch]"):
+        shutil.copy(path, folder)
     code = "import sys, hatch_build as h; from pathlib import Path; " + (
         "sys.exit(not h._compile(Path(sys.argv[1]), sys.argv[2], h.BUILDS.get(sys.argv[2], ())))"
     )
@@ -106,7 +106,7 @@ def test_the_environment_switches_the_loops_off() -> None:
     """
     switched, *others = python(code).stdout.splitlines()
     assert switched == "True portable"
-    assert [each.split()[0] for each in others] == ["False", "False"]
+    assert [line.split()[0] for line in others] == ["False", "False"]
 
 
 def test_the_baseline_build_agrees_with_the_wide_one(builds: Path) -> None:

@@ -62,7 +62,9 @@ L_OVER_V = [10.0, 20, 40, 80]
 
 def contact(path: Path, **more: Any) -> Tuning:
     tuning = made(path, {"disk.growth.l_over_v_ms": L_OVER_V}, {"opplod": [4.0, 3, 2, 1]}, **more)
-    tuning.rows["peak_before_contact_s"] = [3 * each / 1000 - 0.02 for each in L_OVER_V]
+    tuning.rows["peak_before_contact_s"] = [
+        3 * l_over_v_ms / 1000 - 0.02 for l_over_v_ms in L_OVER_V
+    ]
     tuning.rows["size_at_peak_deg"] = [40.0, 38, 37, 37]
     return tuning
 
@@ -211,7 +213,7 @@ def test_tables_of_several_displays_have_a_limit_each(tmp_path: Path) -> None:
     labels = times.get_legend_handles_labels()[1]
     assert labels[3:] == ["object fills the display or stops growing: 60 and 72 deg"]
     heights = [set(np.asarray(line.get_ydata()).tolist()) for line in sizes.lines]
-    assert [each for each in heights if each in ({60}, {72})] == [{60}, {72}]
+    assert [height for height in heights if height in ({60}, {72})] == [{60}, {72}]
 
 
 def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> None:
@@ -233,7 +235,7 @@ def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> No
     assert y_of(fibre) == pytest.approx([-11.9, right / math.tan(math.radians(21)) - 11.9])
     np.testing.assert_allclose(y_of(sizes.lines[0]), [40, 38, 37, 37])
     # The range over the animals, at the right end and for the sizes.
-    (animals,) = (each for each in times.collections if each.get_label() == labels[2])
+    (animals,) = (drawn for drawn in times.collections if drawn.get_label() == labels[2])
     last = [y for x, y in np.asarray(animals.get_paths()[0].vertices, float) if x == right]
     ends = [right / math.tan(math.radians(20)) - 35, right / math.tan(math.radians(7.5)) - 15]
     assert sorted(set(last)) == pytest.approx(ends)
@@ -280,17 +282,17 @@ def test_the_display_ends_before_a_disk_of_180_degrees(tmp_path: Path) -> None:
 
 
 def test_published_thresholds_have_source_and_slope() -> None:
-    peaks = {(each.neuron, each.kind): each for each in angular_thresholds()}
+    peaks = {(threshold.neuron, threshold.kind): threshold for threshold in angular_thresholds()}
     example = peaks["locust DCMD", "example"]
     assert (example.angle_deg, example.delay_ms) == (24, 27)
     assert example.slope == pytest.approx(4.70, abs=0.01)
     assert (peaks["locust DCMD", "lower limit"].angle_deg, len(peaks)) == (15, 4)
-    assert all(each.source for each in peaks.values())
+    assert all(threshold.source for threshold in peaks.values())
 
 
 def grid(values: NDArray[np.float64], step: float) -> dict[str, list[float]]:
     side = (np.arange(len(values)) - len(values) // 2) * step
-    up, right = (each.ravel().tolist() for each in np.meshgrid(side, side, indexing="ij"))
+    up, right = (places.ravel().tolist() for places in np.meshgrid(side, side, indexing="ij"))
     return {"disk.centre_deg.right": right, "disk.centre_deg.up": up}
 
 
@@ -304,7 +306,7 @@ def cells_of(panel: Axes) -> tuple[NDArray[np.float64], NDArray[np.float64], NDA
 
 def test_positions_at_unequal_steps_have_their_true_distances(tmp_path: Path) -> None:
     places = [(right, up) for up in (-10.0, 0, 14) for right in (-10.0, 0, 10, 14, 20)]
-    values = {f"disk.centre_deg.{side}": [each[at] for each in places]
+    values = {f"disk.centre_deg.{side}": [place[at] for place in places]
               for at, side in enumerate(("right", "up"))}  # fmt: skip
     tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [float(at) for at in range(1, 16)]})
     for kind in ("position", "heat"):
@@ -448,7 +450,7 @@ def test_the_picture_says_whose_curve_means_little(
     axes = plot_tuning(tuning, kind, published=False)[1]
     said = [panel.get_title("left") for panel in axes]
     said += [label for panel in axes for label in panel.get_legend_handles_labels()[1]]
-    (label,) = [each for each in said if "below it" in each]
+    (label,) = [text for text in said if "below it" in text]
     assert label.startswith("D-LGMD")
 
 

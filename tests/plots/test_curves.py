@@ -124,9 +124,9 @@ def test_alarms_of_two_detectors_are_bars_whose_colours_do_not_mix(tmp_path: Pat
     both = read_result(write_rows(tmp_path / "both.frames.csv", rows))
     _, (panel,) = plot_curves(both)
     upper, lower = panel.patches
-    colours = [matplotlib.colors.to_hex(each.get_facecolor()) for each in (upper, lower)]
+    colours = [matplotlib.colors.to_hex(bar.get_facecolor()) for bar in (upper, lower)]
     assert colours == [detector_named(name).colour.lower() for name in ("opplod", "dlgmd")]
-    spans = [each.get_extents().transformed(panel.transAxes.inverted()) for each in (upper, lower)]
+    spans = [bar.get_extents().transformed(panel.transAxes.inverted()) for bar in (upper, lower)]
     assert 0.9 < spans[1].y0 < spans[1].y1 < spans[0].y0 < spans[0].y1 <= 1
     assert "bar at the top: alarm on" in labels(panel)
 
@@ -559,7 +559,7 @@ def test_ground_truth_is_a_strip_with_its_contact(result: BaseResult) -> None:
 
 def upright_lines(axes: Axes) -> list[float]:
     marks = [np.asarray(line.get_xdata(), float) for line in axes.lines]
-    return sorted(float(each[0]) for each in marks if len(each) == 2 and each[0] == each[1])
+    return sorted(float(x[0]) for x in marks if len(x) == 2 and x[0] == x[1])
 
 
 def test_each_object_and_each_contact_is_told(result: BaseResult) -> None:
@@ -580,7 +580,10 @@ def test_each_object_and_each_contact_is_told(result: BaseResult) -> None:
     "contact",
     [
         *(0.9, 1.8, 1.95),
-        *(pytest.param(each, marks=pytest.mark.slow) for each in (1.45, 1.7, 1.85, 1.9, 1.92)),
+        *(
+            pytest.param(seconds, marks=pytest.mark.slow)
+            for seconds in (1.45, 1.7, 1.85, 1.9, 1.92)
+        ),
     ],
 )
 def test_the_label_of_a_mark_lies_on_no_curve(contact: float, tmp_path: Path) -> None:
@@ -627,7 +630,7 @@ def test_panels_do_not_move_by_an_error_of_rounding(tmp_path: Path) -> None:
     for panel in panels:
         x, y, *size = panel.get_position().bounds
         assert (x, y) == (round(x, 9), round(y, 9))
-        assert size == pytest.approx([round(each, 9) for each in size], abs=1e-15)
+        assert size == pytest.approx([round(side, 9) for side in size], abs=1e-15)
 
 
 @pytest.mark.parametrize(("scale", "level"), [("threshold", 0.01), ("peak", 0)])
@@ -753,7 +756,9 @@ def test_the_notes_of_small_multiples_are_inside_the_figure(tmp_path: Path) -> N
 
 def test_a_text_is_the_name_of_one_detector(tmp_path: Path) -> None:
     result = read_result(write_rows(tmp_path / "one.frames.csv", frame_rows()))
-    (named,), (listed,) = (plot_curves(result, models=each)[1] for each in ("opplod", ["opplod"]))
+    (named,), (listed,) = (
+        plot_curves(result, models=models)[1] for models in ("opplod", ["opplod"])
+    )
     assert labels(named) == labels(listed)
 
 

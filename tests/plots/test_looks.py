@@ -62,7 +62,7 @@ def distance(one: str, other: str, eye: NDArray[np.float64] = EVERY_CONE) -> flo
 
 def test_any_two_detectors_have_colours_that_differ() -> None:
     assert abs(distance("#000000", "#FFFFFF") - 1) < 1e-6
-    colours = {name: each.colour for name, each in detectors().items()}
+    colours = {name: detector.colour for name, detector in detectors().items()}
     apart = {
         (one, other): distance(colours[one], colours[other])
         for one, other in combinations(colours, 2)

@@ -83,10 +83,10 @@ def result_of(folder: Path, sidecar: dict[str, object]) -> BaseResult:
 
 def test_results_of_one_input_are_named_by_their_settings(tmp_path: Path) -> None:
     about: dict[str, object] = {"input": {"name": "clip.avi"}}
-    presets = [result_of(tmp_path / each, {**about, "preset": each}) for each in ("one", "two")]
+    presets = [result_of(tmp_path / name, {**about, "preset": name}) for name in ("one", "two")]
     assert labels_of(presets) == ["preset one", "preset two"]
     titles = [axes.get_title("left") for axes in plot_curves(presets)[1]]
-    assert [each.replace("\n", " ") for each in titles if each] == [
+    assert [title.replace("\n", " ") for title in titles if title] == [
         "clip.avi: preset one",
         "clip.avi: preset two",
     ]
@@ -110,7 +110,9 @@ def test_results_of_one_input_are_named_by_their_settings(tmp_path: Path) -> Non
 def test_results_of_one_stimulus_that_were_not_saved_are_named_by_its_changed_values() -> None:
     name, key = "controls/appearing-disk", "disk.luminance"
     stimuli = [oppload.stimulus.load(name, {key: value}) for value in (0.1, 0.2)]
-    results = [oppload.run(each, models=["frame_difference"], rmo=False) for each in stimuli]
+    results = [
+        oppload.run(protocol, models=["frame_difference"], rmo=False) for protocol in stimuli
+    ]
     assert labels_of(results) == ["disk.luminance 0.1", "disk.luminance 0.2"]
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def test_rmo_over_time(tmp_path: Path) -> None:
     result = read_result(write_result(tmp_path / "a.frames.csv"))
     figure, panels = plot_rmo([result, result], labels=["one", "two"], title="two results")
-    (title,) = (each for each in figure.texts if each.get_text() == "two results")
+    (title,) = (text for text in figure.texts if text.get_text() == "two results")
     assert (title.get_horizontalalignment(), title.get_fontsize()) == ("left", 8)
     assert [len(panel.lines) for panel in panels] == [2, 2, 1] * 2
     assert panels[0].get_ylim() == pytest.approx((-1.08, 1.08))

@@ -208,7 +208,7 @@ def test_seeds_are_averaged_with_bars_of_their_deviation(
     table = made(tmp_path, swept, {"opplod": peaks}, preset="reference")
     figure, (panel,) = plot_tuning(table, scale="raw", lplc2="none")
     np.testing.assert_allclose(y_of(panel.lines[0]), [2, 7, 2])
-    (bars,) = (each for each in panel.collections if isinstance(each, LineCollection))
+    (bars,) = (drawn for drawn in panel.collections if isinstance(drawn, LineCollection))
     ends = np.array([[low[1], high[1]] for low, high in bars.get_segments()])
     np.testing.assert_allclose(ends.mean(axis=1), [2, 7, 2])
     np.testing.assert_allclose(np.ptp(ends, axis=1) / 2, [2**0.5, 18**0.5, 0])
@@ -333,7 +333,7 @@ def test_the_foot_lies_below_the_label_of_small_panels(kind: str, tmp_path: Path
     figure, axes = plot_tuning(tuning, kind)
     figure.draw_without_rendering()
     foot = figure.texts[-1].get_window_extent()
-    (label,) = (each for each in figure.findobj(Text) if each.get_text() == figure.get_supxlabel())
+    (label,) = (text for text in figure.findobj(Text) if text.get_text() == figure.get_supxlabel())
     box = label.get_window_extent()
     lowest = min(tight.y0 for panel in axes if (tight := panel.get_tightbbox()))
     assert figure.bbox.y0 <= foot.y0 < foot.y1 <= box.y0 < box.y1 <= lowest
@@ -552,14 +552,14 @@ def test_long_doubts_leave_a_polar_plot_its_room(count: int, scale: str, tmp_pat
         legend = panel.get_legend()
         assert legend is not None
         box, label = legend.get_window_extent(), panel.xaxis.label.get_window_extent()
-        for each in (box, label):
-            assert figure.bbox.x0 <= each.x0 < each.x1 <= figure.bbox.x1
-            assert figure.bbox.y0 <= each.y0
+        for part in (box, label):
+            assert figure.bbox.x0 <= part.x0 < part.x1 <= figure.bbox.x1
+            assert figure.bbox.y0 <= part.y0
         assert box.y1 <= label.y0  # the one is below the other
     circle = panels[0].get_window_extent()
     assert circle.width > 0.7 * figure.bbox.width / (1 if scale == "peak" or count < 3 else 3)
     for one, other in itertools.combinations(panels, 2):
-        labels = [each.xaxis.label.get_window_extent() for each in (one, other)]
+        labels = [panel.xaxis.label.get_window_extent() for panel in (one, other)]
         assert not labels[0].overlaps(labels[1])
 
 
@@ -743,7 +743,7 @@ def test_the_titles_of_maps_of_positions_do_not_overlap(tmp_path: Path) -> None:
     peaks = dict.fromkeys(names, [1.0] * 5 + [0.0] * 4)
     figure, axes = plot_tuning(made(tmp_path, swept, peaks, doubts=doubts), "position")
     figure.draw_without_rendering()
-    shown = {each.get_text(): each.get_window_extent() for each in figure.findobj(Text)}
+    shown = {text.get_text(): text.get_window_extent() for text in figure.findobj(Text)}
     one, other = (shown[panel.get_title("left")] for panel in axes)
     assert one.x1 < other.x0
 

@@ -259,7 +259,7 @@ def test_every_detector_is_visible_in_the_dark(browser: Browser, page: Path) -> 
     """
 
     def luminance(shares: list[float]) -> float:
-        red, green, blue = (((each + 0.055) / 1.055) ** 2.4 for each in shares)
+        red, green, blue = (((share + 0.055) / 1.055) ** 2.4 for share in shares)
         return float(0.2126 * red + 0.7152 * green + 0.0722 * blue)
 
     ground = luminance([22 / 255, 24 / 255, 28 / 255])

@@ -79,11 +79,11 @@ def test_curves_alarms_and_boxes(table: Path) -> None:
         (first - FIRST, last - FIRST, first, 10) for first, last in ALARMS
     ]
     assert content.alarms[0].start_s == TIMES_MS[8] / 1000
-    assert [each.end_s for each in content.alarms[:-1]] == [
+    assert [alarm.end_s for alarm in content.alarms[:-1]] == [
         TIMES_MS[last + 1] / 1000 for _, last in ALARMS[:-1]
     ]
     assert content.alarms[0].contact_s == (TIMES_MS[9] - TIMES_MS[8]) / 1000 + 0.5
-    assert [each.contact_s for each in content.alarms[1:]] == [None] * (len(content.alarms) - 1)
+    assert [alarm.contact_s for alarm in content.alarms[1:]] == [None] * (len(content.alarms) - 1)
     assert sorted(content.boxes) == [8 - FIRST, 9 - FIRST, 10 - FIRST]
     number, x, y, width, height, centre_x, centre_y, _, alarm = BOX
     assert content.boxes[9 - FIRST] == [
@@ -193,10 +193,10 @@ def test_the_index_is_in_the_order_of_alarms_and_peaks(tmp_path: Path) -> None:
     assert [span.curve.name for span in alarms] == ["dlgmd", "opplod", "opplod"]
     index = write_report(tables, tmp_path).first.read_text()
     found = re.findall(r'data-title="(.)\.mkv" data-count="(\d)"[^>]*data-duration="(.*?)"', index)
-    assert [each[:2] for each in found] == [("c", "3"), ("b", "2"), ("a", "0")]
+    assert [row[:2] for row in found] == [("c", "3"), ("b", "2"), ("a", "0")]
     steps_ms = np.diff(TIMES_MS[FIRST : LAST + 1])
     length_s = (steps_ms.sum() + np.median(steps_ms)) / 1000  # the last frame has a usual length
-    assert [float(each[2]) for each in found] == pytest.approx([length_s] * 3)
+    assert [float(row[2]) for row in found] == pytest.approx([length_s] * 3)
     # 240 wide and 48 high, from 100 times the threshold at 2 to 0.01 of it at 46.
     times = np.array([0.0, 0.1, 1, 1.001, 2, 3])
     values = np.array([np.nan, 0.001, 1, 0.1, 100, 10])

@@ -70,11 +70,11 @@ def write_tuning(
     rows = []
     for index in range(len(next(iter(values.values())))):
         condition = {
-            key: cell if isinstance(cell := each[index], str) else f"{cell:g}"
-            for key, each in values.items()
+            key: cell if isinstance(cell := column[index], str) else f"{cell:g}"
+            for key, column in values.items()
         }
-        for model, each in peaks.items():
-            peak = f"{each[index]:.9g}".replace("nan", "")
+        for model, column in peaks.items():
+            peak = f"{column[index]:.9g}".replace("nan", "")
             rows.append(
                 {"stimulus": f"{name}/{index}", **condition}
                 | {"model": model, "peak": peak, "mean": "0.1"}

@@ -140,7 +140,7 @@ def test_a_changed_member_keeps_its_other_values() -> None:
     (changed,) = stimulus.load_all(member, {"scene.background": "room"})
     assert changed.name == member.replace("sky", "room")
     part = stimulus.load_all("staged/collision/background-sky*", {"thing.course.speed_m_s": 5})
-    assert [each.scene.background for each in part] == ["sky"] * 6
+    assert [protocol.scene.background for protocol in part] == ["sky"] * 6
     # A key that excludes a swept key leaves one stimulus.
     (loom,) = stimulus.find("klapoetke2017/loom")
     sweep = {"display.pixels_per_degree": [4, 5]}
@@ -159,7 +159,7 @@ def test_members_of_a_file_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
         str(tmp_path / "my.toml/l-over-v-[24]0"): ["my/l-over-v-20", "my/l-over-v-40"],
     }
     for wanted, expected in names.items():
-        assert [each.name for each in stimulus.load_all(wanted)] == expected
+        assert [protocol.name for protocol in stimulus.load_all(wanted)] == expected
     # A folder may have any name.
     (tmp_path / "old.toml.d").mkdir()
     shutil.copy(source, tmp_path / "old.toml.d" / "my.toml")

@@ -229,9 +229,9 @@ def test_a_size_along_a_path() -> None:
     assert sizes == pytest.approx([10, 10, 15, 20, 20, 16, 12, 12])
     # The speed is that of each edge, so half of that of the size.
     truths = [frame_truth(protocol, index).objects[0] for index in (5, 6, 20, 21, 26, 27, 33)]
-    speeds = [each.edge_speed_deg_s for each in truths]
+    speeds = [truth.edge_speed_deg_s for truth in truths]
     assert speeds == pytest.approx([0, 10, 10, 0, 0, -20, 0])
-    assert [each.looming for each in truths] == [False, True, True, False, False, False, False]
+    assert [truth.looming for truth in truths] == [False, True, True, False, False, False, False]
     assert contact_time(protocol) is None
     backwards = made(dataclasses.replace(protocol.objects[0], reverse=True))
     assert size(backwards, 0.4) == pytest.approx(size(protocol, 1.0))
@@ -423,7 +423,7 @@ def test_a_shape_that_dims_gives_as_much_light_beyond_the_display_too(
         Renderer(Protocol(display=display, timing=Timing(motion_s=1.0), objects=(obj,)))
         for obj in (near, still)
     )
-    light = [[float(each.luminance(i).sum()) for i in range(30)] for each in (one, other)]
+    light = [[float(renderer.luminance(i).sum()) for i in range(30)] for renderer in (one, other)]
     assert light[1] == pytest.approx(light[0], rel=1e-5)
 
 
@@ -440,7 +440,7 @@ def test_a_disk_that_dims_as_another_approaches_gives_as_much_light(projection: 
     one, other = (
         Renderer(Protocol(display=display, timing=timing, objects=(obj,))) for obj in (near, still)
     )
-    light = [[float(each.luminance(i).sum()) for i in range(42)] for each in (one, other)]
+    light = [[float(renderer.luminance(i).sum()) for i in range(42)] for renderer in (one, other)]
     assert light[1] == pytest.approx(light[0], rel=1e-5)
     assert light[0][0] > 1.2 * light[0][-1]
     later = dataclasses.replace(still, brightness=dataclasses.replace(dimming, contact_s=1.6))

@@ -133,9 +133,11 @@ def test_the_finest_wavelength_of_a_texture(finest_deg: float | None, finest_px:
 def test_a_texture_has_no_wavelength_below_two_samples() -> None:
     """Samples hold shorter wavelengths along the diagonals only; 0.2 deg are two samples here."""
     display = {"width": 32, "height": 32}
-    grounds = (stimulus.Object(id="t", kind="texture", finest_deg=each) for each in (0.19, 0.01))
+    grounds = (
+        stimulus.Object(id="t", kind="texture", finest_deg=finest) for finest in (0.19, 0.01)
+    )
     first, second = (
-        stimulus.Renderer(made(each, display=display)).luminance(0) for each in grounds
+        stimulus.Renderer(made(ground, display=display)).luminance(0) for ground in grounds
     )
     np.testing.assert_array_equal(first, second)
 

@@ -54,7 +54,7 @@ def remarks(text: str) -> list[str]:
 def test_a_grating_that_moves_too_far_in_a_frame(text: str, remarked: bool) -> None:
     found = remarks(TOP + text)
     assert len(found) == remarked
-    assert all(each.startswith("object 'grating': it moves by half of its") for each in found)
+    assert all(remark.startswith("object 'grating': it moves by half of its") for remark in found)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_objects_of_the_luminance_of_the_ground(text: str, remarked: bool) -> No
     grounds = (TOP, TOP.replace("[timing]", "background = 0.5\n[timing]"))
     found = remarks(grounds["patch" in text] + text)
     assert len(found) == remarked
-    assert all(each.startswith("every object has the luminance of") for each in found)
+    assert all(remark.startswith("every object has the luminance of") for remark in found)
 
 
 @pytest.mark.parametrize(
@@ -90,10 +90,10 @@ def test_coherence_that_has_no_effect(motion: str, remarked: bool) -> None:
     text = TOP + dots + motion
     found = remarks(text if "coherence" in text else f"{text}\ncoherence = 0.5")
     assert len(found) == remarked
-    assert all("so that coherence has no effect" in each for each in found)
+    assert all("so that coherence has no effect" in remark for remark in found)
     if remarked:
         made = (Protocol.from_table(tomllib.loads(f"{text}\ncoherence = {c}"), "") for c in (0, 1))
-        first, second = (Renderer(each).grey(8) for each in made)
+        first, second = (Renderer(protocol).grey(8) for protocol in made)
         assert (first == second).all()
 
 
@@ -117,7 +117,7 @@ def test_an_approach_that_no_frame_shows(growth: str, found: str, reverse: bool)
     disk = DISK.replace("size_deg = 10", f"reverse = {str(reverse).lower()}")
     remarked = remarks(f"{TOP}{disk}[object.growth]\nkind = 'approach'\n{growth}")
     assert len(remarked) == bool(found)
-    assert all(found in each and "which is in milliseconds" in each for each in remarked)
+    assert all(found in remark and "which is in milliseconds" in remark for remark in remarked)
 
 
 @pytest.mark.parametrize(("hertz", "remarked"), [(5, False), (5.1, True)])
@@ -125,7 +125,7 @@ def test_a_flicker_that_is_too_fast(hertz: float, remarked: bool) -> None:
     flicker = f"brightness = {{kind = 'flicker', to = 1.0, frequency_hz = {hertz}}}"
     found = remarks(TOP + DISK + flicker)
     assert len(found) == remarked
-    assert all("brightness.frequency_hz is above half of" in each for each in found)
+    assert all("brightness.frequency_hz is above half of" in remark for remark in found)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_a_flicker_that_is_too_fast(hertz: float, remarked: bool) -> None:
 def test_a_change_after_the_end_of_the_motion(text: str, late: str) -> None:
     found = remarks(TOP + DISK + text)
     assert len(found) == bool(late)
-    assert all(f"{late} is after the end of the motion" in each for each in found)
+    assert all(f"{late} is after the end of the motion" in remark for remark in found)
 
 
 def test_a_change_that_no_frame_shows() -> None:
@@ -154,7 +154,7 @@ def test_a_change_that_no_frame_shows() -> None:
     # An approach has no steps, even if no frame comes after the pause.
     top = TOP.replace("rate = 10", "rate = 0.5").replace("motion_s", "before_s = 0.4\nmotion_s")
     disk = DISK.replace("size_deg = 10", "[object.growth]\nkind = 'approach'\nl_over_v_ms = 40")
-    assert not any("times_s" in each for each in remarks(top + disk))
+    assert not any("times_s" in remark for remark in remarks(top + disk))
 
 
 @pytest.mark.parametrize(("cut_s", "remarked"), [(1.4, False), (1.5, True)])
@@ -163,7 +163,7 @@ def test_a_cut_after_the_end_of_the_clip(cut_s: float, remarked: bool) -> None:
     scene = f"[scene]\nbackground = 'sky'\ncut_s = {cut_s}"
     found = remarks(TOP.replace("[timing]", projection) + scene)
     assert len(found) == remarked
-    assert all("cut_s is after the end of the clip" in each for each in found)
+    assert all("cut_s is after the end of the clip" in remark for remark in found)
 
 
 BALL = """
@@ -192,4 +192,4 @@ course = {kind = "collision", speed_m_s = 2}
 def test_a_turn_of_the_scene_that_pictures_do_not_follow(text: str, keys: str) -> None:
     found = remarks(TOP.replace("[timing]", "projection = 'perspective'\n[timing]") + text)
     assert len(found) == bool(keys)
-    assert all(f"do not follow scene.{keys}; use a course" in each for each in found)
+    assert all(f"do not follow scene.{keys}; use a course" in remark for remark in found)

@@ -57,7 +57,9 @@ def test_the_examples_of_the_documentation_are_valid(
     example = (DOCS / page).read_text(encoding="utf-8").split("```toml\n")[1].split("```")[0]
     path = tmp_path / "example.toml"
     path.write_text(example)
-    assert [protocol.name for protocol in load_all(path)] == [f"example/{each}" for each in members]
+    assert [protocol.name for protocol in load_all(path)] == [
+        f"example/{member}" for member in members
+    ]
 
 
 def test_every_file_of_the_catalogue_is_valid_by_the_schema() -> None:
