@@ -27,20 +27,12 @@ if TYPE_CHECKING:
 _Paint = tuple[int, int, int]  # blue, green, red
 
 DARK, _DIM, _WHITE = bgr(INK), bgr(FAINT), (255, 255, 255)
-_SHORT_SIDE = 400  # px; a picture with a shorter side is enlarged by an integer
-_LEAST_WIDTH = 540  # px of an annotated frame, so that the text fits
-_LEAST_TEXT = 16  # px: the height of a line of text
-_LIGHT, _BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
 _CAPITAL = 0.7  # height of a capital letter over that of the line
 _WINDOW_S = 5.0  # the time that the strip shows
-_LEAST_WINDOW_S = 0.1
-_MOST_REPEATS = 5  # in a row; more repeats are a scene at rest
-_MOST_FRAMES = 1 << 16  # that the strip keeps, also if the times of a damaged file do not advance
 _GRID, _SHADE = (215, 215, 215), (236, 236, 236)  # lines, and the ground while an alarm is on
 _DECADES = 4  # that the plot shows
 _FINE = 4  # binary digits of a fraction of a pixel, in OpenCV's coordinates
 _FURTHEST = 20_000  # px; points farther away from the plot are moved to this distance
-_MOST_TICKS = 6  # numbers on the time axis
 
 
 class _Scale(NamedTuple):
@@ -82,11 +74,11 @@ class Layout:
     def of(cls, facts: InputFacts) -> Layout:
         """Return the layout for an input; the size of the text grows with that of the picture."""
         width, height = colour_size(facts)
-        magnification = math.ceil(_SHORT_SIDE / min(width, height))
+        magnification = math.ceil(400 / min(width, height))  # small pictures are enlarged
         magnification = max(1, min(magnification, LONGEST_SIDE // max(width, height)))
         width, height = width * magnification, height * magnification
-        full_width = _even(max(width, _LEAST_WIDTH))
-        text = max(_LEAST_TEXT, round(min(full_width / 56, height / 32)))
+        full_width = _even(max(width, 540))  # so that the text fits
+        text = max(16, round(min(full_width / 56, height / 32)))
         header, plot, gap = 2 * text, 6 * text, text // 2
         axis_numbers = round(1.4 * text)  # of the time axis
         gutter = round(5.5 * text)  # for the names of the levels
@@ -132,7 +124,7 @@ def _write(
 
 def _font(size: int, bold: bool) -> tuple[int, float]:
     """Return OpenCV's font and its scale for lines of a height of `size` pixels."""
-    font = _BOLD if bold else _LIGHT
+    font = cv2.FONT_HERSHEY_DUPLEX if bold else cv2.FONT_HERSHEY_SIMPLEX
     (_, height), _ = cv2.getTextSize("H", font, 1.0, 1)
     return font, _CAPITAL * size / height
 
@@ -167,9 +159,11 @@ class Strip:
     ) -> None:
         self._layout = layout
         self.points: dict[str, deque[_Point]] = {  # in the order of the frames
-            name: deque(maxlen=_MOST_FRAMES) for name in detectors
+            # The times of a damaged file may not advance.
+            name: deque(maxlen=1 << 16)
+            for name in detectors
         }
-        self.window_s = max(_LEAST_WINDOW_S, min(_WINDOW_S, duration_s or _WINDOW_S))
+        self.window_s = max(0.1, min(_WINDOW_S, duration_s or _WINDOW_S))
         self.scale = _OVER_THRESHOLD
         self._largest = dict.fromkeys(detectors, 0.0)
         self._first_s: float | None = None
@@ -186,7 +180,7 @@ class Strip:
         self._repeats = self._repeats + 1 if record.repeat else 0
         if all(math.isinf(said.threshold) for said in record.detectors.values()):
             self.scale = _OVER_LARGEST
-        if not 0 < self._repeats <= _MOST_REPEATS:
+        if not 0 < self._repeats <= 5:  # more are a scene at rest
             for name, points in self.points.items():
                 response, threshold = record[name].response, record[name].threshold
                 ratio = None
@@ -351,7 +345,7 @@ def _grid(canvas: Bgr, layout: Layout, scale: _Scale) -> None:
 
 def _tick_step(window_s: float) -> float:
     """Return the seconds between numbers of a time axis: 1, 2 or 5 times a power of ten."""
-    least = window_s / _MOST_TICKS
+    least = window_s / 6  # at most six numbers
     power = 10.0 ** math.floor(math.log10(least))
     return next(step * power for step in (1, 2, 5, 10) if step * power >= least)
 
