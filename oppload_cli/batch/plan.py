@@ -249,10 +249,10 @@ class Tally:
         state = "skipped" if result.skipped else "done" if result.complete else "incomplete"
         self.inputs[state] += 1
         self.frames[state] += result.frames
+        self.incomplete += not result.complete  # a skipped result may be incomplete too
         if result.skipped and not result.verdicts:
             return  # another run is writing the result, and lists its alarms
         self.verdicts[name] = result.verdicts
-        self.incomplete += not result.complete  # a skipped result may be incomplete too
         # In an incomplete input, frames that could not be read may belong to an alarm.
         self.silent += result.complete and not result.alarmed
 

@@ -154,13 +154,15 @@ def _check_loaded(names: Sequence[str]) -> None:
         return
     from oppload_cli.models.registry import detectors, modules_of
 
-    own = {each.__module__ for each in detectors().values()}
+    own = {detector.__module__ for detector in detectors().values()}
     own = {module for module in own if not module.startswith("oppload_cli.")}
     absolute = os.environ[LOAD].split(os.pathsep)  # by `_load`
     modules = modules_of(absolute)
     registering = {
         name: {
-            each for each in own if each == modules[path] or each.startswith(f"{modules[path]}.")
+            module
+            for module in own
+            if module == modules[path] or module.startswith(f"{modules[path]}.")
         }
         for name, path in zip(names, absolute, strict=True)
     }

@@ -128,10 +128,13 @@ def _facts(detector: type[Detector]) -> Iterator[str]:
         yield f"responds to: {detector.answers_to}"
     if detector.made_for:
         yield f"made for: {detector.made_for}"
-    counts = detector.interval == FRAME
-    yield f"working height: {detector.height} px" + "; counts frames" * counts
+    counts = "; counts frames, not seconds" if detector.interval == FRAME else ""
+    yield f"working height: {detector.height} px{counts}"
     rule = detector.alarm
-    yield f"alarm: above {rule.floor:g}" if rule.floor is not None else f"no alarm: {rule.why_none}"
+    times = f", and {rule.factor:g} times the median of the background" if rule.factor else ""
+    lasting = f", for {rule.enough_s:g} s of {rule.window_s:g} s" if rule.enough_s else ""
+    none = rule.floor is None
+    yield f"no alarm: {rule.why_none}" if none else f"alarm: above {rule.floor:g}{times}{lasting}"
     if detector.places:
         yield "places: a box for each looming object"
     if detector.cost_ms:
@@ -142,12 +145,12 @@ def _lines(params: type[Parameters]) -> Iterator[str]:
     defaults = params().as_dict()
     rows = [
         (
-            each.name,
-            AUTO if defaults[each.name] is None else str(defaults[each.name]),
-            each.unit,
-            f"{each.meaning} ({each.allowed})" if each.allowed else each.meaning,
+            parameter.name,
+            AUTO if defaults[parameter.name] is None else str(defaults[parameter.name]),
+            parameter.unit,
+            parameter.meaning + (f" ({parameter.allowed})" if parameter.allowed else ""),
         )
-        for each in params.declared()
+        for parameter in params.declared()
     ]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for name, default, unit, meaning in rows:
@@ -157,9 +160,9 @@ def _lines(params: type[Parameters]) -> Iterator[str]:
 def _entries(params: type[Parameters]) -> Iterator[dict[str, Any]]:
     defaults = params().as_dict()
     facts = "name", "default", "meaning", "unit", "low", "above", "high"
-    for each in params.declared():
-        described = {fact: getattr(each, fact) for fact in facts}
-        yield described | {"default": defaults[each.name], "choices": list(each.choices)}
+    for parameter in params.declared():
+        described = {fact: getattr(parameter, fact) for fact in facts}
+        yield described | {"default": defaults[parameter.name], "choices": list(parameter.choices)}
 
 
 def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -167,7 +170,10 @@ def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:
     sets = parameter_sets()
     everything: dict[str, dict[str, Any]] = {
         "models": {
-            name: {fact: getattr(detector, fact) for fact in _FACTS}
+            name: {
+                **{fact: getattr(detector, fact) for fact in _FACTS},
+                "alarm": detector.alarm._asdict(),
+            }
             for name, detector in detectors().items()
         },
         "parameters": {name: list(_entries(params)) for name, (_, params) in sets.items()},

@@ -238,8 +238,8 @@ def _readable(
             errors.append(error)
     if not contents:
         raise errors[0]
-    for each in errors:
-        _leave_out(each, failures)
+    for left_out in errors:
+        _leave_out(left_out, failures)
     kept = [labels[index] for index in contents] if len(labels) == len(paths) else labels
     return list(contents.values()), kept
 
@@ -273,8 +273,8 @@ def _draw_results(
     paths: Sequence[Path], kind: str | None, chosen: dict[str, Any], failures: list[ResultError]
 ) -> tuple[Figure, list[str]]:
     """Draw results of ``oppload run``, which no lines of text describe."""
-    columns = {"rmo": tuple(each.name for each in RMO), "map": ("",)}
-    needed = columns.get(kind or "", ("_alarm", "_over_threshold"))
+    columns = {"rmo": tuple(column.name for column in RMO), "map": ("",)}
+    needed = columns.get(kind or "", ("_alarm", "_threshold"))
 
     def read(path: Path) -> BaseResult:
         result = read_result(path, needed)

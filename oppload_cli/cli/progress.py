@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from oppload_cli.pipeline.task import Outcome, Task
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.source import Video
 
 
@@ -127,9 +127,10 @@ def _described(video: Video) -> str:
     facts, working = video.facts, video.working
     rate = float(facts.frame_rate) if facts.frame_rate else None
     per_second = f" = {working.scale_x * rate:.4g} source px/s" if rate else ""
+    others = "".join(f"; also seen at {size.width} x {size.height}" for size in video.others)
     return (
         f"{facts.name}: {sizes_in_words(facts, working)}; 1 px/frame there = "
-        f"{working.scale_x:.4g} source px/frame{per_second}"
+        f"{working.scale_x:.4g} source px/frame{per_second}{others}"
     )
 
 
@@ -146,11 +147,11 @@ def outcome_lines(task: Task, outcome: Outcome) -> Iterator[str]:
         yield f"{task.name}: {in_words(outcome.verdicts)}"
     else:
         yield f"{task.name}:"
-        for each in outcome.verdicts:
-            yield f"  {label_of(each.model):<{_LABEL}}{each}"
+        for verdict in outcome.verdicts:
+            yield f"  {label_of(verdict.model):<{_LABEL}}{verdict}"
     if task.outputs and not outcome.skipped:
         first, *others = task.outputs.paths()
-        names = [str(first), *(each.name for each in others)]
+        names = [str(first), *(path.name for path in others)]
         wall_s = outcome.wall_s
         speed = f", {outcome.frames / wall_s:.0f} analysed per second" if wall_s else ""
         if is_camera_or_stream(task.name):  # the run may wait for frames
@@ -171,7 +172,7 @@ class AlarmTable:
 
     def __init__(self, names: Iterable[str], models: Sequence[str]) -> None:
         self._name_width = max(
-            5, min(_WIDEST_NAME, max((len(printable(each)) for each in names), default=0))
+            5, min(_WIDEST_NAME, max((len(printable(name)) for name in names), default=0))
         )
         self._models, self._is_new = models, True
         self._by_row = len(models) > MOST_IN_A_LINE
@@ -182,8 +183,8 @@ class AlarmTable:
         if self._is_new:
             yield from self._header()
         self._is_new = False
-        cells = {each.model: _cell(each) for each in outcome.verdicts}
-        self._stars = self._stars or any(each.is_uncounted for each in outcome.verdicts)
+        cells = {verdict.model: _cell(verdict) for verdict in outcome.verdicts}
+        self._stars = self._stars or any(verdict.is_uncounted for verdict in outcome.verdicts)
         name = printable(name)  # as it is printed: an escaped character is wider than its name
         text = name if len(name) <= self._name_width else f"...{name[3 - self._name_width :]}"
         end = "skipped" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"

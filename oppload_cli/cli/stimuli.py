@@ -134,7 +134,7 @@ def generate(
             problems.append(result)
         else:
             click.echo(str(result.video))
-    made = len(protocols) - sum(isinstance(each, OpploadError) for each in results)
+    made = len(protocols) - sum(isinstance(result, OpploadError) for result in results)
     for problem in problems if made else problems[:-1]:
         say(f"oppload: {problem}")
     if problems and not made:
@@ -171,7 +171,7 @@ def _table(listed: Sequence[Entry]) -> str:
 def _details(original: Entry, entry: Entry) -> str:
     """Return the description of an entry with its changed values, and the text of its file."""
     protocols = entry.protocols()
-    displays = (each.display for each in protocols)
+    displays = (protocol.display for protocol in protocols)
     changes = [
         f"{dotted} = {in_toml(value)}, {_in_file(original.value_of(dotted))}"
         for dotted, value in entry.changes.items()
@@ -182,12 +182,12 @@ def _details(original: Entry, entry: Entry) -> str:
         "source": entry.source,
         "tags": ", ".join(entry.tags),
         "display": _unique_lines(
-            f"{each.width} x {each.height} px, {each.scale:g} px/deg, {each.projection}, "
-            f"{float(each.frame_rate):g} Hz"
-            for each in displays
+            f"{display.width} x {display.height} px, {display.scale:g} px/deg, "
+            f"{display.projection}, {float(display.frame_rate):g} Hz"
+            for display in displays
         ),
         "frames": _unique_lines(
-            f"{each.frame_count} ({each.timing.total_s:g} s)" for each in protocols
+            f"{protocol.frame_count} ({protocol.timing.total_s:g} s)" for protocol in protocols
         ),
         "file": str(entry.path),
         "stimuli": _INDENT.join(protocol.name for protocol in protocols),

@@ -116,7 +116,7 @@ def _run(
     quiet: bool,
 ) -> Sequence[Path]:
     """Measure a sweep; write the table, the sidecar and the plot, and return their paths."""
-    from oppload_cli.plots import style, tuning
+    from oppload_cli.plots import style, tuning_plots
     from oppload_cli.results.table import write_sidecar
     from oppload_cli.tuning.run import doubts_about, tune, tuning_sidecar, tuning_text
 
@@ -135,8 +135,8 @@ def _run(
     write_sidecar(sidecar_path, sidecar)  # the summary follows, if the table can be read
     try:
         measured = oppload.read_tuning(table_path)
-        write_sidecar(sidecar_path, sidecar | {"summary": tuning.summary_of(measured)})
-        lines = tuning.lines_of([measured])
+        write_sidecar(sidecar_path, sidecar | {"summary": tuning_plots.summary_of(measured)})
+        lines = tuning_plots.lines_of([measured])
         for plot_path in plot_paths:
             for remark in style.save(oppload.plot_tuning(measured)[0], plot_path):
                 say(f"oppload: {remark}")

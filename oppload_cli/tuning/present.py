@@ -179,7 +179,7 @@ def measure(responses: Responses, protocol: Protocol) -> Measures:
     x, y = (None if np.isnan(value) else float(value) for value in responses.centre[best])
     contact = contact_time(protocol)
     objects = frame_truth(protocol, frame).objects
-    sizes = (each.angular_size_deg for each in objects if each.visible)
+    sizes = (shown.angular_size_deg for shown in objects if shown.visible)
     return Measures(
         peak=peak,
         peak_frame=frame,

@@ -130,12 +130,12 @@ def _is_symmetric(entry: Entry) -> bool:
         return False
     angle = entry.sweep[direction][0]
     settings = ({direction: angle}, {direction: angle + 180})
-    protocols = [entry.with_settings(each).protocols()[0] for each in settings]
+    protocols = [entry.with_settings(turned).protocols()[0] for turned in settings]
     original, turned = map(Renderer, protocols)
     protocol = protocols[0]
     timing, rate = protocol.timing, float(protocol.display.frame_rate)
     spans = {(timing.before_s, timing.end_s)}
-    spans |= {protocol.motion_of(each) for each in protocol.objects}
+    spans |= {protocol.motion_of(drawn) for drawn in protocol.objects}
     times = (start + share * (end - start) for start, end in spans for share in (1 / 3, 2 / 3))
     frames = {min(round(time * rate), protocol.frame_count - 1) for time in times}
     # Rounding may change a pixel on an edge by a grey level.
@@ -191,7 +191,7 @@ def tuning_sidecar(
         "changed": _changed(settings, resolved, height),
         "sizes_deg": settings.angles,
         "indicator_s": indicator_s,
-        "doubts": [{"model": each.detector, "note": each.note} for each in doubts],
+        "doubts": [{"model": doubt.detector, "note": doubt.note} for doubt in doubts],
         "summary": {},
         "stimulus": {
             "name": entry.name,
@@ -260,7 +260,7 @@ def doubts_about(
     protocols, settings = sweep.entry.protocols(), sweep.settings
     if not indicator_s:  # an indicator makes each peak smaller, and the floors do not regard it
         peaks = {
-            name: max(each.measures[name].peak or 0 for each in conditions)
+            name: max(condition.measures[name].peak or 0 for condition in conditions)
             for name in settings.models
         }
         yield from faint(peaks, settings)
@@ -295,7 +295,7 @@ def faint(peaks: Mapping[str, float], settings: Settings) -> Iterator[Doubt]:
                 name,
                 "below a tenth of its floor",
                 f"{label} hardly responds to this stimulus: its largest response, {peak:.2g}, is "
-                f"below a tenth of {floor_of}, {floor:g}, so that the shape of its curve means little; "
+                f"below a tenth of {floor_of}, {floor:g}, so that its shape means little; "
                 f"{advice}",
             )
 
@@ -311,18 +311,18 @@ def _to_onset(conditions: Sequence[Condition], protocols: Sequence[Protocol]) ->
     keys = dict.fromkeys(key for _, named in pauses for key in named)
     advice = f"; {' and '.join(f'--change {key}=0' for key in keys)} leaves the pause before it out"
     for name in conditions[0].measures:
-        times = [each.measures[name].peak_time_s for each in conditions]
+        times = [condition.measures[name].peak_time_s for condition in conditions]
         since_s = [
             math.inf if time_s is None else time_s - start_s
             for (start_s, _), time_s in zip(pauses, times, strict=True)
         ]
         yield from _about_peaks(
             name,
-            [each <= -ROUNDING_S for each in since_s],
+            [peak_s <= -ROUNDING_S for peak_s in since_s],
             "before the motion: no tuning",
             "come before the start of the motion: they are no responses to it, and show no tuning",
         )
-        early = [-ROUNDING_S < each < _ONSET_S for each in since_s]
+        early = [-ROUNDING_S < peak_s < _ONSET_S for peak_s in since_s]
         helps = keys and detector_named(name).warm_up > _ONSET_INTERVALS
         yield from _about_peaks(
             name,
@@ -378,7 +378,7 @@ def _cut_off_by_end(
 ) -> Iterator[Doubt]:
     """Yield the detectors whose response might have grown further, but the stimulus ends."""
     changing = [_changes_size_at_end(protocol) for protocol in protocols]
-    approaches = [obj.growth or obj.course for each in protocols for obj in each.objects]
+    approaches = [obj.growth or obj.course for protocol in protocols for obj in protocol.objects]
     stated = any(approach and approach.contact_s for approach in approaches)
     key = "timing.motion_s" if stated else "timing.after_s"
     for name in conditions[0].measures:
@@ -398,7 +398,7 @@ def _cut_off_by_end(
 def _changes_size_at_end(protocol: Protocol) -> bool:
     """Return whether the size of an object changes up to the last frame."""
     last = protocol.frame_count - 1
-    before, after = (frame_truth(protocol, max(each, 0)).objects for each in (last - 1, last))
+    before, after = (frame_truth(protocol, max(frame, 0)).objects for frame in (last - 1, last))
     return any(
         one.visible and one.angular_size_deg != other.angular_size_deg
         for one, other in zip(after, before, strict=True)
@@ -409,7 +409,9 @@ def _motion_end(protocol: Protocol) -> float:
     """Return when the last object stops, in seconds of the clip; 0 if none moves."""
     step_s = 1 / float(protocol.display.frame_rate)
     truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))
-    moving = [each.time_s for each in truths if any(obj.edge_speed_deg_s for obj in each.objects)]
+    moving = [
+        truth.time_s for truth in truths if any(obj.edge_speed_deg_s for obj in truth.objects)
+    ]
     return moving[-1] + step_s if moving else 0.0
 
 
@@ -417,12 +419,12 @@ def _pause(protocol: Protocol) -> tuple[float, list[str]]:
     """Return the seconds before the first motion, and the keys of the protocol that set them."""
     before_s = protocol.timing.before_s
     keys = ["timing.before_s"] if before_s else []
-    moving = [each for each in protocol.objects if each.motion or each.growth or each.course]
+    moving = [obj for obj in protocol.objects if obj.motion or obj.growth or obj.course]
     if protocol.scene.motion or camera_of(protocol).moves or not moving:
         return before_s, keys
-    onset_s = min(each.onset_s for each in moving)
-    first = [each for each in moving if onset_s and each.onset_s == onset_s]
-    return before_s + onset_s, keys + [f"{each.id}.onset_s" for each in first]
+    onset_s = min(obj.onset_s for obj in moving)
+    first = [obj for obj in moving if onset_s and obj.onset_s == onset_s]
+    return before_s + onset_s, keys + [f"{obj.id}.onset_s" for obj in first]
 
 
 def _to_vanishing(
@@ -432,7 +434,7 @@ def _to_vanishing(
     vanishing = [_vanishing(protocol) for protocol in protocols]
     advice = " and ".join(f"--change {key}=never" for key in dict.fromkeys(chain(*vanishing)))
     for name in conditions[0].measures:
-        times = [each.measures[name].peak_time_s for each in conditions]
+        times = [condition.measures[name].peak_time_s for condition in conditions]
         late = [
             time_s is not None
             and any(-ROUNDING_S < time_s - end_s < _ONSET_S for end_s in ends.values())
@@ -450,9 +452,9 @@ def _to_vanishing(
 def _vanishing(protocol: Protocol) -> dict[str, float]:
     """Return when objects vanish, in s, by the keys of the protocol that say so."""
     return {
-        f"{each.id}.vanishes": protocol.motion_of(each)[1]
-        for each in protocol.objects
-        if each.vanishes != "never"
+        f"{obj.id}.vanishes": protocol.motion_of(obj)[1]
+        for obj in protocol.objects
+        if obj.vanishes != "never"
     }
 
 
