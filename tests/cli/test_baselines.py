@@ -9,7 +9,7 @@ import av
 import numpy as np
 import pytest
 
-from oppload_cli.models.registry import alarm_floor_of, detector_named
+from oppload_cli.models.registry import detector_named
 from oppload_cli.palette import bgr
 from oppload_cli.video.source import open_video
 from tests.cli.inside import oppload
@@ -31,7 +31,8 @@ def test_run(name: str, clip: Path, tmp_path: Path) -> None:
         "loom.oppload.json",
     ]
     table = rows_of(tmp_path / "loom.frames.csv")
-    assert list(table[0]) == ["frame", "time_s", "luma_change", f"{name}_response", f"{name}_alarm"]
+    own = [f"{name}_{column}" for column in ("response", "threshold", "alarm")]
+    assert list(table[0]) == ["frame", "time_s", "luma_change", *own]
     with open_video(clip) as video:
         detector = detector_named(name)(video.working.shape)
         answers = [detector.step(frame.luma) for frame in video]
@@ -40,7 +41,7 @@ def test_run(name: str, clip: Path, tmp_path: Path) -> None:
     assert responses == pytest.approx(expected, rel=1e-8, nan_ok=True)
     assert np.nanmax(responses) > 0.01
     sidecar = json.loads((tmp_path / "loom.oppload.json").read_text())
-    assert sidecar["parameters"]["alarm"][f"{name}_floor"] == alarm_floor_of(name)
+    assert sidecar["parameters"]["alarm"][f"{name}_floor"] == detector_named(name).alarm.floor
     assert sidecar["summary"][name]["frames"] == len(table) - 1
 
 

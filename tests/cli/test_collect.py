@@ -68,12 +68,12 @@ def test_a_row_holds_the_facts_of_its_sidecar(results: Path, tmp_path: Path) -> 
     lacking, row = rows_of(tmp_path / "all.csv")
     about = list(row)[: list(row).index("model") + 1]
     assert " ".join(about) == (
-        "result input kind codec width height frame_rate working_width working_height preset "
+        "result input kind codec width height frame_rate working_width working_height "
         "decoded analysed missing dropped repeats near_repeats pictures_per_s complete wall_s "
         "frames_per_s oppload stimulus looming contact_time_s model"
     )
     assert " ".join(row[name] for name in about) == (
-        "b\\udcff a\\udcff.mp4 container vp9 106 107 29.97003 108 109 default "
+        "b\\udcff a\\udcff.mp4 container vp9 106 107 29.97003 108 109 "
         "107 108 109 110 111 112 12.5 false 7.5 "
         "3.25 0.9 hit true 1.25 dlgmd"
     )
@@ -105,13 +105,12 @@ def test_results_of_different_settings_are_told(results: Path, tmp_path: Path) -
     content["parameters"]["alarm"]["factor"] = 9
     three = copy.deepcopy(content)
     content["parameters"]["alarm"]["hold_s"] = 1
-    preset, native = copy.deepcopy(content), copy.deepcopy(content)
-    preset["preset"], native["height"] = "reference", None
+    native = copy.deepcopy(content)
+    native["height"] = "native"
     most = "dlgmd.group_size 4, 5; dlgmd.threshold_factor 1.2, 2; alarm.factor 9, auto"
     for other, said in (
         (three, most),
         (content, f"{most}; ..."),
-        (preset, "preset default, reference"),
         (native, "--height 60, native"),
     ):
         (tmp_path / "other.oppload.json").write_text(json.dumps(other))
@@ -140,14 +139,13 @@ def test_all_frames_in_one_table(results: Path, clip: Path, tmp_path: Path) -> N
 def test_frames_of_one_result_with_more_columns(clip: Path, tmp_path: Path) -> None:
     """The result with inner values, degrees and calcium comes first, one without them follows."""
     words = ("--height", "60", "--no-rmo", "--end", "f8", "-o")
-    more = ("--columns", "all", "--fov", "60", "--preset", "lplc2")
+    more = ("--columns", "all", "--fov", "60", "--model", "opplod_lplc2")
     assert oppload("run", clip, *words, tmp_path / "r" / "a", *more).returncode == 0
     assert oppload("run", clip, *words, tmp_path / "r" / "b").returncode == 0
     done = oppload("collect", tmp_path / "r", "-o", tmp_path / "f.csv", "--frames")
     assert (done.returncode, done.stderr) == (
         0,
-        f"2 results, 16 rows -> {tmp_path / 'f.csv'}\n"
-        "oppload: the results have different settings: preset default, lplc2\n",
+        f"2 results, 16 rows -> {tmp_path / 'f.csv'}\n",
     )
     table = rows_of(tmp_path / "f.csv")
     for folder, rows in (("a", table[:8]), ("b", table[8:])):
@@ -187,7 +185,7 @@ def test_a_bad_sidecar_is_named_and_spares_the_others(results: Path, tmp_path: P
         "other": '{"schema": "mine/1"}',
         "list": "[]",
         "lacking": json.dumps({**good, "summary": {}}),
-        "wrong": json.dumps({**good, "preset": 5}),
+        "wrong": json.dumps({**good, "tool": 5}),
         "rate": json.dumps({**good, "input": {**good["input"], "frame_rate": "1/0"}}),
     }
     for name, text in bad.items():
@@ -280,7 +278,7 @@ def test_without_pyarrow(results: Path, tmp_path: Path, monkeypatch: pytest.Monk
         (lambda lines: put(lines, "text"), "column 'frame' holds 'text' in line 10, which is"),
         (lambda lines: put(lines, "8.5"), "holds '8.5' in line 10, which is not a whole number"),
         (lambda lines: put(lines, "nan"), "'frame' holds 'nan' in line 10, which is not a finite"),
-        (lambda lines: put(lines, "8,1,2"), "CSV table (line 10 has 24 cells, not 22); run its"),
+        (lambda lines: put(lines, "8,1,2"), "CSV table (line 10 has 27 cells, not 25); run its"),
         (lambda lines: put(lines, "2"), "holds '2' in line 10, which is not above the value in"),
         (
             lambda lines: [f"{lines[0]},mine", *(f"{each},1" for each in lines[1:])],

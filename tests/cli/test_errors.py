@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import subprocess
 import sys
@@ -27,6 +28,9 @@ def prepared(folder: Path) -> None:
     (folder / "other.csv").write_text("a,b\n1,2\n")
     (folder / "file").write_text("in the way")
     (folder / "binary.csv").write_bytes(b"a\xff\n")
+    (folder / "preset.toml").write_text('preset = "reference"\nheight = 60\n')
+    old: dict[str, object] = {"schema": "oppload.result/2", "preset": "lplc2", "parameters": {}}
+    (folder / "old.oppload.json").write_text(json.dumps(old))
 
 
 WRONG = [
@@ -38,10 +42,20 @@ WRONG = [
     (["report", "other.csv", "-o", "out"], 2, "other.csv: has no column 'frame'"),
     (["run", "empty"], 3, "empty: no video and no image in this folder"),
     (["run", "CLIP", "--model", "dlgdm"], 2, "no model 'dlgdm'; did you mean 'dlgmd'?"),
-    (["run", "CLIP", "--preset", "papr"], 2, "no preset 'papr'; did you mean 'paper'?"),
+    (["run", "CLIP", "--preset", "papr"], 2, "there are no presets since 1.0, and no model 'op"),
+    (["run", "CLIP", "--preset", "paper"], 2, "in place of 'paper' write --model opplod_paper (in"),
+    (["config", "--preset", "default"], 2, "in place of 'default' write --model opplod (in"),
+    (["tune", "controls/plaid", "--preset", "lplc2"], 2, "write --model opplod_lplc2 (in"),
+    (["run", "CLIP", "--model", "opplod:paper"], 2, "of 'paper' write --model opplod_paper (in"),
+    (["run", "CLIP", "--model", "dlgmd:paper"], 2, "in place of 'paper' write --model dlgmd (in"),
+    (["tune", "controls/plaid", "--model", "hua:literal"], 2, "write --model hua_literal (in"),
+    (["plot", "file", "--model", "opplod:paper"], 2, "write --model opplod_paper (in"),
+    (["evaluate", "file", "--model", "opplod:lplc2"], 2, "write --model opplod_lplc2 (in"),
+    (["run", "CLIP", "--config", "preset.toml"], 2, "write --model opplod_reference (in"),
+    (["config", "--config", "old.oppload.json"], 2, "write --model opplod_lplc2 (in Python"),
     (["run", "CLIP", "--set", "opplod.receptive_feild=9"], 2, "did you mean 'receptive_field'?"),
     (["run", "CLIP", "--set", "opplod.cell=0"], 2, "must be at least 1, not 0"),
-    (["run", "CLIP", "--height", "0"], 2, "height must be 'native' or a whole number of"),
+    (["run", "CLIP", "--height", "0"], 2, "height must be 'auto', 'native' or a whole number"),
     (["run", "CLIP", "--start", "soon"], 2, "--start: 'soon' is no position"),
     (["run", "CLIP", "--start", ""], 2, "--start: '' is no position"),
     (["run", "CLIP", "--end", ""], 2, "--end: '' is no position"),
@@ -90,11 +104,6 @@ WRONG = [
         "setting alarm.opplod_floor=2 has no effect, as 'opplod' does not run; give --m",
     ),
     (
-        ["run", "CLIP", "--model", "opplod:reference", "--preset", "paper"],
-        2,
-        "a model asks for preset 'reference', but the preset is 'paper'; leave one out",
-    ),
-    (
         ["run", "CLIP", "--no-rmo", "--set", "rmo.grid=8"],
         2,
         "setting rmo.grid=8 has no effect, as RMO is not measured; leave it out",
@@ -104,7 +113,7 @@ WRONG = [
         2,
         "--repeats and --set repeats.handling are the same; give one",
     ),
-    (["run", "CLIP", "--model", "opplod:defualt"], 2, "no preset 'defualt'; did you mean"),
+    (["run", "CLIP", "--model", "opplod:defualt"], 2, "no model 'opplod:defualt'; did you mean"),
     (["run", "CLIP", "-q", "-v"], 2, "--quiet and --verbose exclude each other"),
     (["run", "CLIP", "-o", "-", "--dry-run"], 2, "leave out --recursive, --files-from, --shard,"),
     (["models", "--measure", "--json"], 2, "--measure prints no JSON; leave out --json"),

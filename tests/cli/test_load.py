@@ -34,7 +34,7 @@ import oppload_cli as oppload
 class Darkening(oppload.Detector):
     name, label, colour = "darkening", "Darkening", "#33AA00"
     meaning = "share of pixels that darkened"
-    alarm_floors: ClassVar = {"default": 0.1}
+    alarm: ClassVar = oppload.AlarmRule(0.1)
     before = None
 
     def reset(self):
@@ -103,14 +103,14 @@ def test_a_result_of_a_changed_detector_is_not_kept(own: Path, tmp_path: Path) -
 
 
 def test_a_detector_without_a_floor_is_told_once(own: Path, tmp_path: Path) -> None:
-    own.write_text(DETECTOR.replace('    alarm_floors: ClassVar = {"default": 0.1}\n', ""))
+    own.write_text(DETECTOR.replace("    alarm: ClassVar = oppload.AlarmRule(0.1)\n", ""))
     registry.load(str(own))
     for name in ("a.avi", "b.avi"):
         write_video(tmp_path / name, grey_frames(9))
     words = ["run", "a.avi", "b.avi", "-o", "out", "--model", "darkening,dlgmd", "--no-rmo"]
     words += ["--if-exists", "overwrite", "--height", "native", "-j", "1"]
     done = inside.oppload(*words, cwd=tmp_path)
-    said = "oppload: darkening has no floor: any response above 0 may cause an alarm; set alarm_"
+    said = "oppload: darkening has no floor: any response above 0 may cause an alarm; set its "
     assert (done.returncode, done.stderr.count(said), done.stderr.count("no floor")) == (0, 1, 1)
     for more in (("--set", "alarm.darkening_floor=0.1"), ("--set", "alarm.on=false")):
         assert "no floor" not in inside.oppload(*words, *more, cwd=tmp_path).stderr

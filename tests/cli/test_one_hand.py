@@ -13,9 +13,7 @@ from click.shell_completion import ShellComplete
 from oppload_cli import cli
 from oppload_cli.cli import COMMANDS, oppload
 from oppload_cli.errors import StimulusError
-from oppload_cli.models.presets import PRESETS, preset_in
 from oppload_cli.models.registry import detectors
-from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus.catalogue import find
 
 if TYPE_CHECKING:
@@ -71,12 +69,12 @@ def completed(*words: str) -> list[str]:
 
 def test_the_shell_completes_names() -> None:
     assert completed("re") == ["report", "reproduce"]
-    assert completed("run", "--preset", "") == list(PRESETS)
-    assert completed("run", "--model", "opp") == ["opplod"]
-    assert completed("tune", "--model", "dlgmd,opplod:r") == ["dlgmd,opplod:reference"]
+    versions = ["opplod", "opplod_reference", "opplod_paper", "opplod_lplc2"]
+    assert completed("run", "--model", "opp") == versions
+    assert completed("tune", "--model", "dlgmd,opplod_r") == ["dlgmd,opplod_reference"]
     for command in ("evaluate", "plot"):
         assert set(completed(command, "--model", "")) == set(detectors())
-    assert completed("run", "--set", "opp") == ["opplod."]
+    assert completed("run", "--set", "opp") == [f"{name}." for name in versions]
     assert completed("run", "--set", "opplod.rec") == ["opplod.receptive_field="]
     assert completed("run", "--set", "opplod.axes=") == ["opplod.axes=0", "opplod.axes=45"]
     assert completed("tune", "klapoetke2017/edg") == ["klapoetke2017/edge"]
@@ -101,16 +99,6 @@ def test_a_fragment_of_several_names_them() -> None:
         find("translating-disk")
     with pytest.raises(StimulusError, match=r"^no stimulus '-' in the catalogue; see .*FILE.toml"):
         find("-")
-
-
-def test_a_model_may_bring_its_preset() -> None:
-    settings = resolve(models=["opplod:reference,dlgmd"])
-    assert (settings.preset, settings.models) == ("reference", ("opplod", "dlgmd"))
-    assert preset_in(["opplod", "dlgmd:literal"]) == ""
-    with pytest.raises(Exception, match="names the presets 'reference' and 'paper'"):
-        resolve(models=["opplod:reference", "dlgmd:paper"])
-    with pytest.raises(Exception, match="asks for preset 'paper', but the preset is 'default'"):
-        resolve(models=["opplod:paper"], preset="default")
 
 
 def test_the_first_help_keeps_its_lines(capsys: pytest.CaptureFixture[str]) -> None:

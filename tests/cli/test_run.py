@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 HEADER = (
     "frame,time_s,luma_change,"
-    "opplod_response,opplod_alarm,opplod_x,opplod_y,opplod_width,opplod_height,"
-    "opplod_unit_x,opplod_unit_y,opplod_growth,opplod_opponency,"
-    "dlgmd_response,dlgmd_alarm,dlgmd_s,"
+    "opplod_response,opplod_threshold,opplod_alarm,opplod_x,opplod_y,opplod_width,opplod_height,"
+    "opplod_unit_x,opplod_unit_y,opplod_contact_s,opplod_growth,opplod_opponency,"
+    "dlgmd_response,dlgmd_threshold,dlgmd_alarm,dlgmd_s,"
     "flow_vectors,rom_pairs,rom_share,rmo_mean,rmo_max,rmo_index"
 )
 
@@ -37,7 +37,7 @@ def result(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.long
 def test_the_table(result: Path) -> None:
     text = (result / "loom.frames.csv").read_text()
-    assert text.startswith(HEADER + "\n0,0,,,0,,,,,,,,,,0,,,,,,,\n1,0.0333333333,")
+    assert text.startswith(HEADER + "\n0,0,,,0.09,0,,,,,,,,,,,0.01,0,,,,,,,\n1,0.033333333,")
     table = rows_of(result / "loom.frames.csv")
     assert [int(row["frame"]) for row in table] == list(range(24))
     assert all(row["opplod_response"] == "" for row in table[:3])
@@ -116,9 +116,9 @@ def test_options_reach_the_models(clip: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        "--model opplod,lgmd2 --preset reference --set opplod.inhibition_strength=3 --fov 77",
-        "--preset lplc2 --height native --no-rmo --columns all --set opplod.receptive_field=20deg "
-        "--fov 90 --repeats keep",
+        "--model opplod_reference,lgmd2 --set opplod_reference.inhibition_strength=3 --fov 77",
+        "--model opplod_lplc2 --height native --no-rmo --columns all --fov 90 --repeats keep "
+        "--set opplod_lplc2.receptive_field=20deg",
     ],
 )
 def test_the_settings_in_a_sidecar_give_the_same_bytes(
@@ -140,14 +140,57 @@ def test_the_settings_in_a_sidecar_give_the_same_bytes(
         assert "holds no settings that" in oppload("run", clip, "--config", sidecar).stderr
 
 
-def test_preset_paper_runs_at_its_own_height(clip: Path, tmp_path: Path) -> None:
-    done = oppload("run", clip, "-o", tmp_path, "--preset", "paper", "--end", "f8", "-v")
+def test_versions_of_oppload_in_one_run(clip: Path, tmp_path: Path) -> None:
+    """One table and one plot; each detector gets the picture at its own height."""
+    names = ["opplod", "opplod_paper", "dlgmd"]
+    words = ("--columns", "all", "--no-rmo", "-v", "--model")
+    done = oppload("run", clip, "-o", tmp_path / "all", *words, ",".join(names))
     assert done.returncode == 0
-    assert "seen at 600 x 600" in done.stderr
-    assert "loom.avi: alarms are off; the responses are in the table" in done.stderr
-    assert "no alarm" not in done.stderr
+    assert ", seen at 240 x 240; 1 px/frame there = 1 source" in done.stderr
+    assert "/s; also seen at 600 x 600\n" in done.stderr
+    suffixes = ("frames.csv", "detections.jsonl", "oppload.json")
+    assert {path.name for path in (tmp_path / "all").iterdir()} == {f"loom.{s}" for s in suffixes}
+    table = rows_of(tmp_path / "all" / "loom.frames.csv")
+    for name in names:
+        assert oppload("run", clip, "-o", tmp_path / name, *words, name).returncode == 0
+        alone = rows_of(tmp_path / name / "loom.frames.csv")
+        own = [column for column in alone[0] if column.startswith(f"{name}_")]
+        assert len(own) >= 3
+        assert max(float(row[f"{name}_response"] or 0) for row in alone) > 0
+        assert [[row[column] for column in own] for row in table] == [
+            [row[column] for column in own] for row in alone
+        ]
+    sidecar = json.loads((tmp_path / "all" / "loom.oppload.json").read_text())
+    assert (sidecar["models"], sidecar["height"]) == (names, "auto")
+    assert sidecar["working"]["height"] == 240
+    assert list(sidecar["summary"]) == names
+    assert list(sidecar["alarms"]) == ["opplod", "dlgmd"]
+    assert "OppLoD paper" not in done.stderr
+    drawn = oppload("plot", tmp_path / "all" / "loom.frames.csv", "-o", tmp_path / "one.svg")
+    assert drawn.returncode == 0
+    text = (tmp_path / "one.svg").read_text()
+    for label in ("OppLoD", "OppLoD paper", "D-LGMD"):
+        assert f"<!-- {label}" in text
+
+
+def test_a_detector_without_an_alarm_is_told_with_the_reason(clip: Path, tmp_path: Path) -> None:
+    words = ("run", clip, "-o", tmp_path, "--end", "f8", "--if-exists", "overwrite", "--model")
+    done = oppload(*words, "opplod_paper", "-v")
+    assert done.returncode == 0
+    assert "seen at 240 x 240;" in done.stderr
+    assert "; also seen at 600 x 600" in done.stderr
+    assert "loom.avi: no model has an alarm; the responses are in the table" in done.stderr
+    reason = "no alarm of opplod_paper: it responds to inward and outward motion alike"
+    assert done.stderr.count(reason) == 1
     sidecar = json.loads((tmp_path / "loom.oppload.json").read_text())
-    assert (sidecar["preset"], sidecar["working"]["height"]) == ("paper", 600)
+    assert (sidecar["height"], sidecar["working"]["height"]) == ("auto", 240)
+    at_60 = oppload(*words, "opplod_paper,dlgmd", "--height", "60", "-v")
+    assert "seen at 60 x 60;" in at_60.stderr
+    assert "also seen" not in at_60.stderr
+    floor = oppload(*words, "opplod_paper", "--set", "alarm.opplod_paper_floor=1e-9")
+    assert "no alarm of" not in floor.stderr
+    alarms = {row["opplod_paper_alarm"] for row in rows_of(tmp_path / "loom.frames.csv")}
+    assert alarms == {"0"}
 
 
 @pytest.mark.long
@@ -301,7 +344,7 @@ def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:
     """Without a note, the missing alarm would look like safety, also in a batch."""
     for name, count in (("short.avi", 5), ("other.avi", 6)):
         write_video(tmp_path / name, grey_frames(count, seed=count))
-    said = "short.avi: lasts 0.13 s: too short for an alarm, as the first 0.345 s never count"
+    said = "short.avi: lasts 0.13 s: too short for an alarm, as the first 0.35 s never count"
     words = ("--height", "48", "--no-rmo", "--if-exists", "overwrite", "-o", tmp_path, "-vj", "1")
     for inputs in (["short.avi"], ["short.avi", "other.avi"]):
         done = oppload("run", *(tmp_path / each for each in inputs), *words)

@@ -32,23 +32,33 @@ def test_models_lists_every_parameter_once_defined() -> None:
     names = {entry["name"] for entry in described["parameters"]["opplod"]}
     known = {"receptive_field", "cell", "pool_sigma", "axes", "periphery", "threshold", "gain"}
     assert known < names
-    assert described["presets"]["paper"]["opplod"]["receptive_field"] == 200
-    assert described["presets"]["default"]["alarm"]["opplod_floor"] == 0.09
+    facts = described["models"]
+    assert list(facts)[:2] == ["opplod", "dlgmd"]
+    assert (facts["opplod"]["height"], facts["opplod"]["alarm"]["floor"]) == (240, 0.09)
+    paper = facts["opplod_paper"]
+    assert (paper["height"], paper["interval"], paper["alarm"]["floor"]) == (600, "frame", None)
+    assert paper["alarm"]["why_none"].startswith("it responds to inward and outward motion alike")
+    [field] = [one for one in described["parameters"]["opplod_paper"] if one["unit"] == "px"][-1:]
+    assert (field["name"], field["default"]) == ("receptive_field", 200)
     grouping = described["parameters"]["lgmd1_group"][2]
     assert [grouping[end] for end in ("low", "above", "high")] == [None, 0, 1000]
     assert "source: after Hua et al. 2022\n" in oppload("models", "hua_literal").stdout
     assert oppload("models", "ttc_gradient", "dlgmd").stdout.count("places: a box") == 1
-    text = oppload("models", "paper", "reference").stdout
-    assert "opplod.judgement = pixelwise" in text
-    assert "alarm.opplod_floor = 0.0008" in text
-    assert "opplod.axes = " not in text  # a default
+    text = oppload("models", "opplod_paper", "opplod_reference").stdout
+    assert "  working height: 600 px; counts frames, not seconds\n" in text
+    assert "  no alarm: it responds to inward and outward motion alike, so that no" in text
+    assert "  working height: 240 px\n  alarm: above 0.0008, and 30 times the median of the" in text
 
 
 def test_printed_settings_can_be_given_back(tmp_path: Path) -> None:
-    words = ("--set", "opplod.gain=2", "--set", "opplod.receptive_field=auto")  # paper has 200
-    printed = oppload("config", "--preset", "paper", *words).stdout
+    words = ("--set", "opplod_paper.gain=2", "--set", "alarm.opplod_paper_floor=1e-5")
+    printed = oppload("config", "--model", "opplod_paper,dlgmd", *words).stdout
+    assert printed.startswith(
+        'models = ["opplod_paper", "dlgmd"]  # command line\nheight = "auto"  # default\n'
+    )
     assert "gain = 2.0  # command line" in printed
-    assert 'receptive_field = "auto"  # command line' in printed
+    assert "opplod_paper_floor = 1e-05  # command line" in printed
+    assert 'opplod_lplc2_floor = "auto"  # default' in printed
     path = tmp_path / "s.toml"
     path.write_text(printed)
     again = oppload("config", "--config", path).stdout
@@ -103,7 +113,7 @@ def test_a_run_loads_its_detectors_alone() -> None:
         "from oppload_cli.pipeline.execute import analyse_source\n"
         "from oppload_cli.pipeline.settings import resolve\n"
         "rooms = 'oppload_cli.models.published.', 'importlib.metadata'\n"
-        "for models, changes in ([], ['opplod.gain=2']), (['lgmd2', 'opplod:paper'], []):\n"
+        "for models, changes in ([], {'opplod.gain': 2}), (['lgmd2', 'opplod_paper'], {}):\n"
         "    resolve(models=models, assignments=changes)\n"
         "    print(sorted(name for name in sys.modules if name.startswith(rooms)))"
     )
@@ -113,5 +123,5 @@ def test_a_run_loads_its_detectors_alone() -> None:
 
 
 def test_a_run_loads_no_large_library_before_the_decoder_begins() -> None:
-    modules = "oppload_cli.cli.run, oppload_cli.video.opening, oppload_cli.models.presets"
+    modules = "oppload_cli.cli.run, oppload_cli.video.opening"
     assert loaded(f"import {modules}", *HEAVY[:5]) == []

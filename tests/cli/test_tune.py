@@ -29,7 +29,7 @@ def stimulus(tmp_path: Path) -> Path:
 def faint(done: Done) -> list[str]:
     """The detectors that hardly respond, according to the messages of the command."""
     return re.findall(
-        r"^oppload: (\S+) (?:hardly responds|does not respond)", done.stderr, re.MULTILINE
+        r"^oppload: ([^:]+) (?:hardly responds|does not respond)", done.stderr, re.MULTILINE
     )
 
 
@@ -44,8 +44,9 @@ def test_the_help_names_every_figure_and_every_word() -> None:
 def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = oppload(
-        "tune", stimulus, "-o", out, "--height", "native", "--jobs", "1", "--preset",
-        "reference", "--set", "opplod.receptive_field=24", "--change", "timing.motion_s=0.5",
+        "tune", stimulus, "-o", out, "--height", "native", "--jobs", "1", "--model",
+        "opplod_reference,dlgmd", "--set", "opplod_reference.receptive_field=24",
+        "--change", "timing.motion_s=0.5",
     )  # fmt: skip
     names = ["disk.tuning.csv", "disk.tuning.json", "disk.tuning.png"]
     assert (done.returncode, faint(done)) == (0, ["D-LGMD"])
@@ -57,7 +58,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path) -> No
     content = json.loads((out / names[1]).read_text())
     assert content["stimulus"]["first"]["timing"]["motion_s"] == 0.5
     assert content["stimulus"]["changes"] == {"timing.motion_s": 0.5}
-    assert content["parameters"]["opplod"]["receptive_field"] == 24
+    assert content["parameters"]["opplod_reference"]["receptive_field"] == 24
     assert content["doubts"] == [{"model": "dlgmd", "note": "below a millionth of its floor"}]
     assert (out / names[2]).read_bytes().startswith(b"\x89PNG")
 
@@ -105,7 +106,7 @@ def test_a_detector_that_hardly_responds_is_named(stimulus: Path, tmp_path: Path
                  "--jobs", "1", "--over", "speed=15", "--if-exists", "overwrite")  # fmt: skip
     assert faint(oppload(*arguments)) == ["D-LGMD"]
     done = oppload(*arguments, "--change", "disk.luminance=0.49")
-    assert (done.returncode, faint(done)) == (0, ["OppLoD", "D-LGMD"])
+    assert (done.returncode, faint(done)) == (0, ["OppLoD reference", "D-LGMD"])
     assert "is below a tenth of the floor of its alarm, 0.0008," in done.stderr
 
 

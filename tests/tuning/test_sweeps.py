@@ -19,6 +19,7 @@ from oppload_cli.schema import Parameters, parameter
 from oppload_cli.tuning.present import Responses, low_passed, present
 from oppload_cli.tuning.run import doubts_about, tune, tuning_text
 from oppload_cli.tuning.sweeps import FIGURES, Sweep, sweeps
+from tests.assigned import assigned
 from tests.results.make import rows_of
 from tests.tuning.test_tuning import disk, swept
 
@@ -112,7 +113,7 @@ def entry_of(name: str, changes: dict[str, float], over: Sequence[str] = ()) -> 
 
 
 def at_native_size(models: list[str], *assignments: str) -> Settings:
-    return resolve(models=models, height="native", usual="reference", assignments=assignments)
+    return resolve(models=models, height="native", assignments=assigned(*assignments))
 
 
 L_OVER_V = [20, 40, 60, 80]
@@ -155,7 +156,6 @@ def test_every_figure_makes_its_stimuli() -> None:
         assert {each.name.partition("/")[0] for each in shown} == {name}
         # One scale in all figures, so that fields in pixels are the same angle.
         assert {(each.display.height, each.display.scale) for each in shown} == {(360, 5)}
-        resolve(assignments=figure.settings, usual="reference")
 
 
 def test_a_sweep_tells_the_changes_of_the_user_alone() -> None:
@@ -175,12 +175,14 @@ def test_a_sweep_tells_the_changes_of_the_user_alone() -> None:
     ],
 )
 def test_a_figure_shows_tuning_and_no_start_of_the_motion(name: str, over: list[str]) -> None:
-    settings = resolve(usual="reference", assignments=FIGURES[name].settings)
-    entry = entry_of(name, {}, over)
+    (sweep,) = sweeps(None, [name], {}, over, {})
+    entry, settings = sweep.entry, sweep.settings
+    assert settings.models == ("opplod_reference", "dlgmd")
     shown = tune(Sweep(entry, settings))
     assert [each.detector for each in doubts_about(shown, Sweep(entry, settings))] == []
     # The first response is in frame 3: no peak is cut off there.
-    best = max(shown, key=lambda each: each.measures["opplod"].peak or 0).measures["opplod"]
+    measured = [condition.measures["opplod_reference"] for condition in shown]
+    best = max(measured, key=lambda measures: measures.peak or 0)
     assert best.peak_frame is not None
     assert best.peak_frame > 3
 
@@ -238,13 +240,13 @@ def test_a_wrong_figure() -> None:
 
 def test_without_adaptation_every_presentation_is_the_first(tmp_path: Path) -> None:
     entry = swept(str(disk(tmp_path, 0.4).path), ["speed=25"])
-    settings = at_native_size(["opplod", "tired"], "opplod.receptive_field=24")
+    settings = at_native_size(["opplod_reference", "tired"], "opplod_reference.receptive_field=24")
     shown = tune(Sweep(entry, settings, 3))
     assert [each.values["presentation"] for each in shown] == [1, 2, 3]
-    peaks = [each.measures["opplod"].peak or 0 for each in shown]
+    peaks = [each.measures["opplod_reference"].peak or 0 for each in shown]
     assert peaks[0] > 0
     assert peaks == pytest.approx([peaks[0]] * 3, rel=0.01)
-    first, *others = (each.measures["opplod"] for each in shown)
+    first, *others = (each.measures["opplod_reference"] for each in shown)
     for other in others:  # frames and times count from the start of each presentation
         assert (other.peak_frame, other.onset_frame) == (first.peak_frame, first.onset_frame)
         assert (other.peak_time_s, other.onset_time_s) == (first.peak_time_s, first.onset_time_s)
@@ -255,7 +257,7 @@ def test_without_adaptation_every_presentation_is_the_first(tmp_path: Path) -> N
     rows = rows_of(tmp_path / "a.csv")
     assert list(rows[0])[:4] == ["stimulus", "disk.growth.speed_deg_s", "presentation", "model"]
     assert rows[3]["stimulus"] == "disk/speed-25/presentation-2"
-    times = [float(row["peak_time_s"]) for row in rows if row["model"] == "opplod"]
+    times = [float(row["peak_time_s"]) for row in rows if row["model"] == "opplod_reference"]
     assert times == pytest.approx([float(rows[0]["peak_frame"]) / 25] * 3)
 
 
@@ -272,18 +274,23 @@ def test_a_pause_before_the_motion_is_no_part_of_a_presentation(tmp_path: Path) 
 
 
 def test_a_setting_of_the_user_replaces_that_of_a_figure() -> None:
-    for assigned, units in (((), "1x1"), (("opplod.units=3x3",), "3x3")):
-        (found,) = sweeps(None, ["position"], {}, [], {"assignments": assigned})
-        assert found.settings.groups["opplod"].as_dict()["units"] == units
+    for values, units in (({}, "1x1"), ({"opplod_reference.units": "3x3"}, "3x3")):
+        (found,) = sweeps(None, ["position"], {}, [], {"assignments": values})
+        assert found.settings.groups["opplod_reference"].as_dict()["units"] == units
+
+
+def test_a_setting_of_a_figure_is_that_of_every_version_of_opplod() -> None:
+    models = ["opplod", "opplod_lplc2", "opplod_paper", "dlgmd"]
+    (found,) = sweeps(None, ["position"], {}, [], {"models": models})
+    units = {name: found.settings.groups[name].as_dict().get("units") for name in models}
+    assert units == {**dict.fromkeys(models[:3], "1x1"), "dlgmd": None}
 
 
 @pytest.mark.long
 def test_the_map_of_positions_peaks_where_the_unit_is() -> None:
-    entry = entry_of("position", {}, ["position=[[-12,0],[0,0],[12,0],[0,12],[0,-12]]"])
-    settings = resolve(
-        models=["opplod"], usual="reference", assignments=FIGURES["position"].settings
-    )
-    peaks = [each.measures["opplod"].peak or 0 for each in tune(Sweep(entry, settings))]
+    over = ["position=[[-12,0],[0,0],[12,0],[0,12],[0,-12]]"]
+    (sweep,) = sweeps(None, ["position"], {}, over, {"models": ["opplod_reference"]})
+    peaks = [each.measures["opplod_reference"].peak or 0 for each in tune(sweep)]
     assert int(np.argmax(peaks)) == 1
     assert max(peaks[:1] + peaks[2:]) < 0.2 * peaks[1]
 
@@ -291,9 +298,9 @@ def test_the_map_of_positions_peaks_where_the_unit_is() -> None:
 def test_sizes_in_degrees_are_those_of_the_display_of_the_stimulus(tmp_path: Path) -> None:
     """The display has 2 px/deg."""
     protocol = disk(tmp_path).protocols()[1]
-    fields = ("12deg", "24")
-    settings = [at_native_size(["opplod"], f"opplod.receptive_field={each}") for each in fields]
-    found = [present(protocol, each)["opplod"] for each in settings]
+    name, fields = "opplod_reference", ("12deg", "24")
+    settings = [at_native_size([name], f"{name}.receptive_field={field}") for field in fields]
+    found = [present(protocol, each)[name] for each in settings]
     np.testing.assert_allclose(found[0].response, found[1].response)
     assert np.nanmax(found[0].response) > 0
 
@@ -307,8 +314,9 @@ def test_an_indicator_approaches_a_constant_exponentially_whatever_the_steps() -
 
 def test_an_indicator_shows_the_response_low_passed(tmp_path: Path) -> None:
     protocol = disk(tmp_path).protocols()[1]
-    settings = at_native_size(["opplod"], "opplod.receptive_field=24")
-    plain, seen = (present(protocol, settings, 1, each)["opplod"] for each in (0.0, 0.5))
+    name = "opplod_reference"
+    settings = at_native_size([name], f"{name}.receptive_field=24")
+    plain, seen = (present(protocol, settings, 1, constant_s)[name] for constant_s in (0.0, 0.5))
     expected = low_passed(plain.response, plain.time_s, 0.5)
     unknown = np.isnan(plain.response)
     assert unknown.any()

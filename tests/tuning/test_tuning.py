@@ -10,7 +10,7 @@ import pytest
 
 from oppload_cli import analyse, open_video
 from oppload_cli.errors import OpploadError, ParameterError, StimulusError
-from oppload_cli.models.opplod_parameters import OpplodResponse
+from oppload_cli.models.opplod import OpplodResponse
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus import write
 from oppload_cli.stimulus.catalogue import find, read_entry
@@ -18,6 +18,7 @@ from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import Condition, Measures, Responses, measure, present
 from oppload_cli.tuning.run import doubts_about, faint, tune, tuning_sidecar, tuning_text
 from oppload_cli.tuning.sweeps import Sweep, sweeps
+from tests.assigned import assigned
 from tests.results.make import rows_of
 
 if TYPE_CHECKING:
@@ -60,8 +61,9 @@ def swept(stimulus: str, over: list[str]) -> Entry:
     return one.entry
 
 
-ASSIGNED = ["opplod.receptive_field=24", "opplod.cell=2", "repeats.longest_s=0.04"]
-ASSIGNED += ["time.interval=frame"]
+ASSIGNED = assigned(
+    "opplod.receptive_field=24", "opplod.cell=2", "repeats.longest_s=0.04", "time.interval=frame"
+)
 EDGE = find("klapoetke2017/edge")[0].protocols()[0]  # without a size and without a contact
 
 
@@ -82,18 +84,18 @@ def test_the_numbers_are_those_of_a_run_over_the_video(
     settings = resolve(height=height, assignments=ASSIGNED)
     protocol = disk(tmp_path, before).protocols()[1]
     shown = present(protocol, settings)
-    with open_video(write(protocol, tmp_path).video, height=settings.height) as video:
+    with open_video(write(protocol, tmp_path).video, height=settings.pixels) as video:
         params = settings.model_params()
         time = settings.time
         records = list(analyse(video, params, repeats=settings.repeats, rmo=None, time=time))
     for model, responses in shown.items():
-        answers = [record.responses[model] for record in records]
+        answers = [record[model].answer for record in records]
         expected = [np.nan if each is None else each.response for each in answers]
         np.testing.assert_array_equal(responses.response, expected)
     np.testing.assert_array_equal(shown["opplod"].time_s, [r.time_s for r in records])
     best = shown["opplod"].peak
     assert best is not None
-    answer = records[best].responses["opplod"]
+    answer = records[best]["opplod"].answer
     assert isinstance(answer, OpplodResponse)
     assert answer.box is not None
     x, y = answer.box.x + answer.box.width / 2, answer.box.y + answer.box.height / 2
@@ -151,7 +153,9 @@ def test_measures_without_a_response() -> None:
 def test_processes_change_no_byte(tmp_path: Path) -> None:
     entry = disk(tmp_path)
     settings = resolve(
-        preset="reference", height="native", assignments=["opplod.receptive_field=24"]
+        models=["opplod_reference", "dlgmd"],
+        height="native",
+        assignments={"opplod_reference.receptive_field": "24"},
     )
     counted: list[int] = []
     for jobs in (1, 2):
@@ -162,9 +166,9 @@ def test_processes_change_no_byte(tmp_path: Path) -> None:
     assert text == (tmp_path / "2.csv").read_bytes()
     rows = list(csv.DictReader(text.decode().splitlines()))
     assert [(row["disk.growth.speed_deg_s"], row["model"]) for row in rows] == [
-        (speed, model) for speed in ("15", "25", "35") for model in ("opplod", "dlgmd")
+        (speed, model) for speed in ("15", "25", "35") for model in ("opplod_reference", "dlgmd")
     ]
-    opplod = [float(row["peak"]) for row in rows if row["model"] == "opplod"]
+    opplod = [float(row["peak"]) for row in rows if row["model"] == "opplod_reference"]
     assert opplod == sorted(opplod)
     assert opplod[2] > 2 * opplod[0] > 0
     assert rows[1]["centre_x"] == ""
@@ -172,7 +176,7 @@ def test_processes_change_no_byte(tmp_path: Path) -> None:
 
 def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
     entry = swept(str(disk(tmp_path).path), ["position=[[0, 0], [4, -2]]"])
-    settings = resolve(preset="reference", height="native", models=["opplod"])
+    settings = resolve(height="native", models=["opplod_reference"])
     (tmp_path / "a.csv").write_text(tuning_text(tune(Sweep(entry, settings))))
     rows = rows_of(tmp_path / "a.csv")
     places = [(row["disk.centre_deg.right"], row["disk.centre_deg.up"]) for row in rows]
@@ -190,16 +194,20 @@ def test_cells_hold_whole_numbers_with_all_digits_and_words_as_they_are(tmp_path
 
 
 def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
-    settings = resolve(preset="reference", height="native", assignments=["opplod.gain=3"])
+    settings = resolve(
+        models=["opplod_reference", "dlgmd"],
+        height="native",
+        assignments={"opplod_reference.gain": "3"},
+    )
     content = tuning_sidecar(Sweep(disk(tmp_path), settings), command=["oppload"])
     assert content["schema"] == "oppload.tuning/1"
-    assert content["parameters"]["opplod"]["gain"] == 3
-    assert content["parameters"]["opplod"]["receptive_field"] == 25  # 5/12 of 60
-    assert content["changed"] == {"opplod.gain": 3}
+    assert content["parameters"]["opplod_reference"]["gain"] == 3
+    assert content["parameters"]["opplod_reference"]["receptive_field"] == 25  # 5/12 of 60
+    assert content["changed"] == {"opplod_reference.gain": 3}
     path = tmp_path / "a.tuning.json"
     path.write_text(json.dumps(content))
     again = tuning_sidecar(Sweep(disk(tmp_path), resolve(config=path)), command=["oppload"])
-    assert again == content  # values of the preset are not changed, though the file states them
+    assert again == content  # defaults are not changed, though the file states them
     assert content["stimulus"]["sweep"] == {"disk.growth.speed_deg_s": [15, 25, 35]}
 
 
@@ -210,12 +218,12 @@ def test_the_sidecar_has_sizes_in_pixels_of_the_shorter_side(
     """The display of 60 x 80 px has 2 px/deg; 5/12 of its width are 25 px."""
     portrait = disk(tmp_path).with_settings({"display.width": 60, "display.height": 80})
     found = []
-    for assigned in ([], ["opplod.receptive_field=18deg"]):
-        settings = resolve(preset="reference", height=height, assignments=assigned)
+    for size in ({}, {"opplod_reference.receptive_field": "18deg"}):
+        settings = resolve(models=["opplod_reference"], height=height, assignments=size)
         content = tuning_sidecar(Sweep(portrait, settings), command=[])
-        found.append(content["parameters"]["opplod"]["receptive_field"])
+        found.append(content["parameters"]["opplod_reference"]["receptive_field"])
     assert found == [field, 36 if height == "native" else 18]
-    assert content["changed"] == {"opplod.receptive_field": "18deg"}
+    assert content["changed"] == {"opplod_reference.receptive_field": "18deg"}
 
 
 @pytest.mark.parametrize(
@@ -311,7 +319,7 @@ def at_the_start(entry: Entry, settings: Settings, presentations: int = 1) -> li
 def test_peaks_at_the_start_of_motion_are_named() -> None:
     """D-LGMD meets no inhibition there; OppLoD leaves such edges out."""
     entry = swept("klapoetke2017/bar-expand-10", ["axis=0,45"])
-    settings = resolve(preset="reference", height="60", models=["opplod", "dlgmd"])
+    settings = resolve(height="60", models=["opplod_reference", "dlgmd"])
     (doubt,) = at_the_start(entry, settings)
     assert doubt.text.startswith("D-LGMD: 2 of 2 peaks come within 0.083 s after the start")
     assert "inhibition" not in doubt.text  # some detectors have none
@@ -326,7 +334,7 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
     # In presentations in a row a pause does not count.
     assert not at_the_start(entry, settings, 2)
     # LGMD2 has no long warm-up: leaving out the pause changes nothing, and is no advice.
-    settings = resolve(preset="reference", height="60", models=["lgmd2"])
+    settings = resolve(height="60", models=["lgmd2"])
     for each in (entry, without):
         (doubt,) = at_the_start(each, settings)
         assert doubt.note == "2 of 2 peaks at the start of the motion: no tuning"
@@ -363,21 +371,21 @@ def test_peaks_that_the_warm_up_cuts_off_are_named(tmp_path: Path) -> None:
     """OppLoD responds from 0.1 s on; these disks grow for 0.07, 0.11 and 0.6 s."""
     changes = {"display.frame_rate": 100, "disk.growth.speed_deg_s": [140, 90, 15]}
     entry = disk(tmp_path, before=0.2).with_settings({**changes, "disk.growth.end_deg": 22})
-    settings = resolve(preset="reference", height="native", models=["opplod", "frame_difference"])
+    settings = resolve(height="native", models=["opplod_reference", "frame_difference"])
     conditions = tune(Sweep(entry, settings))
-    fast, middle, _ = (each.measures["opplod"] for each in conditions)
+    fast, middle, _ = (each.measures["opplod_reference"] for each in conditions)
     assert fast.peak == 0
     assert middle.peak_time_s == pytest.approx(0.32)
     doubts = [
         each for each in doubts_about(conditions, Sweep(entry, settings)) if "warm-up" in each.note
     ]
     assert [each[:2] for each in doubts] == [
-        ("opplod", "2 of 3 peaks cut off by the warm-up: no tuning")
+        ("opplod_reference", "2 of 3 peaks cut off by the warm-up: no tuning")
     ]
     assert "responds only from 0.1 s after the start of the motion on" in doubts[0].text
     # If an earlier frame has a response, the warm-up cuts nothing off.
     rising = replace(middle, onset_frame=(middle.peak_frame or 0) - 1)
-    measures = {**conditions[1].measures, "opplod": rising}
+    measures = {**conditions[1].measures, "opplod_reference": rising}
     others = [conditions[0], replace(conditions[1], measures=measures), conditions[2]]
     notes = [doubt.note for doubt in doubts_about(others, Sweep(entry, settings))]
     assert "1 of 3 peaks cut off by the warm-up: no tuning" in notes
@@ -404,7 +412,7 @@ def test_peaks_in_the_last_frame_of_a_growth_are_named(changes: dict[str, Any], 
     (original,) = find("klapoetke2017/loom-l-over-v")
     common = {"disk.growth.l_over_v_ms": [10, 20], "disk.growth.most_deg": 180}
     entry = original.with_settings(common | changes)
-    sweep = Sweep(entry, resolve(preset="reference", height="60", models=["frame_difference"]))
+    sweep = Sweep(entry, resolve(height="60", models=["frame_difference"]))
     doubts = [each for each in doubts_about(tune(sweep), sweep) if "last frame" in each.note]
     assert len(doubts) == bool(key)
     for doubt in doubts:
@@ -431,7 +439,7 @@ def test_a_picture_with_a_stated_contact_needs_a_longer_motion(
 def test_peaks_when_an_object_vanishes_are_named(tmp_path: Path) -> None:
     shown = disk(tmp_path).with_settings({"timing.after_s": 0.4})
     gone = shown.with_settings({"disk.vanishes": "end"})
-    settings = resolve(preset="reference", height="native", models=["frame_difference"])
+    settings = resolve(height="native", models=["frame_difference"])
     (doubt,) = doubts_about(tune(Sweep(gone, settings)), Sweep(gone, settings))
     assert doubt[:2] == ("frame_difference", "3 of 3 peaks when an object vanishes: no tuning")
     assert doubt.text.endswith("; --change disk.vanishes=never keeps the object")
@@ -581,7 +589,7 @@ def test_frames_of_a_late_motion_decide_too() -> None:
 
 
 def test_with_an_indicator_a_faint_response_is_no_doubt() -> None:
-    settings = resolve(preset="reference", models=["dlgmd"])
+    settings = resolve(models=["dlgmd"])
     faint_one = [Condition("a", {}, {"dlgmd": Measures(peak=1e-4)})]
     entry = find("klapoetke2017/loom")[0]
     assert len([*doubts_about(faint_one, Sweep(entry, settings))]) == 1
@@ -589,11 +597,11 @@ def test_with_an_indicator_a_faint_response_is_no_doubt() -> None:
 
 
 def test_alarms_that_are_off_change_what_is_said_of_faint_responses() -> None:
-    for preset, words in (
-        ("reference", "a tenth of the floor of its alarm, 0.01"),
-        ("lplc2", "the floor of its alarm under other presets (here the alarms are off), 0.01"),
+    for on, words in (
+        ("true", "a tenth of the floor of its alarm, 0.01"),
+        ("false", "a tenth of its least response of an object, 0.01"),
     ):
-        settings = resolve(preset=preset, models=["dlgmd"])
+        settings = resolve(models=["dlgmd"], assignments={"alarm.on": str(on)})
         (doubt,) = faint({"dlgmd": 1e-4}, settings)
         assert words in doubt.text
         for peak, few in ((0.00099, 1), (0.00101, 0)):
@@ -601,24 +609,24 @@ def test_alarms_that_are_off_change_what_is_said_of_faint_responses() -> None:
         # As a polar plot, which says "no response" there too.
         (doubt,) = faint({"dlgmd": 9e-9}, settings)
         assert doubt.note == "below a millionth of its floor"
-        assert doubt.text.startswith("D-LGMD does not respond to this stimulus under preset")
+        assert doubt.text.startswith("D-LGMD does not respond to this stimulus: its largest")
         assert "9e-09" not in doubt.text
 
 
 @pytest.mark.parametrize(
-    ("preset", "assigned", "indicator_s", "missing"),
+    ("model", "values", "indicator_s", "missing"),
     [
-        ("lplc2", [], 0.0, "no indicator and more than one unit"),
-        ("lplc2", ["opplod.units=1x1"], 0.0, "no indicator"),
-        ("lplc2", [], 1.0, "more than one unit"),
-        ("lplc2", ["opplod.units=1x1"], 1.0, None),
-        ("reference", [], 0.0, None),
+        ("opplod_lplc2", {}, 0.0, "no indicator and more than one unit"),
+        ("opplod_lplc2", {"opplod_lplc2.units": "1x1"}, 0.0, "no indicator"),
+        ("opplod_lplc2", {}, 1.0, "more than one unit"),
+        ("opplod_lplc2", {"opplod_lplc2.units": "1x1"}, 1.0, None),
+        ("opplod_reference", {}, 0.0, None),
     ],
 )
 def test_neurons_that_are_measured_unlike_the_study_are_named(
-    preset: str, assigned: list[str], indicator_s: float, missing: str | None
+    model: str, values: dict[str, str], indicator_s: float, missing: str | None
 ) -> None:
-    settings = resolve(preset=preset, models=["opplod", "dlgmd"], assignments=assigned)
+    settings = resolve(models=[model, "dlgmd"], assignments=values)
     measures = {name: Measures(peak=1.0) for name in settings.models}
     condition = Condition("a", {}, measures)
     doubts = list(
@@ -626,8 +634,8 @@ def test_neurons_that_are_measured_unlike_the_study_are_named(
     )
     notes = [(each.detector, each.note) for each in doubts]
     expected = f"{missing}: larger for bars than in LPLC2 neurons"
-    assert notes == ([("opplod", expected)] if missing else [])
-    advice = {"no indicator": "--indicator 1", "more than one unit": "--set opplod.units=1x1"}
+    assert notes == ([("opplod_lplc2", expected)] if missing else [])
+    advice = {"no indicator": "--indicator 1", "more than one unit": "--set opplod_lplc2.units=1x1"}
     for doubt in doubts:
         assert missing is not None
         named = [advice[each] for each in missing.split(" and ")]
