@@ -20,6 +20,7 @@ from oppload_cli.stimulus.catalogue import load
 from oppload_cli.stimulus.files import write
 from oppload_cli.video.frames import WorkingSize
 from oppload_cli.video.optics import Optics
+from tests.assigned import assigned
 from tests.media import grey_frames, write_video
 from tests.results.make import rows_of
 
@@ -174,7 +175,9 @@ def test_without_a_field_of_view_nothing_is_in_degrees(stimulus: Path, tmp_path:
 def test_a_field_of_view_alone_gives_degrees(tmp_path: Path) -> None:
     """Of 64 x 50 px at 60 degrees, seen at 154 x 120; the focal length is 32 px / tan(30 deg)."""
     video = write_video(tmp_path / "a.avi", grey_frames(5, width=64, height=50))
-    rows, sidecar = done(video, tmp_path / "a", fov="60", assignments=["opplod.receptive_field=30"])
+    rows, sidecar = done(
+        video, tmp_path / "a", fov="60", assignments={"opplod.receptive_field": "30"}
+    )
     assert {name for name in rows[0] if name.endswith("_deg")} >= {"opplod_azimuth_deg"}
     view, focal = sidecar["field_of_view"], 32 / math.tan(math.radians(30))
     assert (view["horizontal_deg"], view["vertical_deg"]) == pytest.approx(
@@ -194,21 +197,21 @@ def test_a_result_in_other_degrees_is_not_kept(stimulus: Path, tmp_path: Path) -
         outputs = Outputs.of(tmp_path / "a", stimulus.stem, resolved.models)
         run_task(Task(str(stimulus), resolved, outputs, if_exists=IfExists.SKIP))
 
-    size = "opplod.receptive_field=20deg"
-    done(stimulus, tmp_path / "a", fov="70", assignments=[size])
-    again(fov="70", assignments=[size])
+    size = {"opplod.receptive_field": "20deg"}
+    done(stimulus, tmp_path / "a", fov="70", assignments=size)
+    again(fov="70", assignments=size)
     changes: list[dict[str, Any]] = [
         {"fov": "90"},
         {},
-        {"fov": "70", "assignments": [size.replace("20", "40")]},
+        {"fov": "70", "assignments": {"opplod.receptive_field": "40deg"}},
     ]
     for settings in changes:
         with pytest.raises(OutputError, match="is a result with other settings"):
-            again(**{"assignments": [size], **settings})
+            again(**{"assignments": size, **settings})
 
 
 def test_sizes_in_degrees_become_working_pixels() -> None:
-    given = ["opplod.receptive_field=90deg", "opplod.cell=4"]
+    given = {"opplod.receptive_field": "90deg", "opplod.cell": 4}
     settings = resolve(fov="90", assignments=given).seen_through(WIDE, WORKING)
     params = settings.groups["opplod"].as_dict()
     assert (params["receptive_field"], params["cell"]) == (200, 4)
@@ -221,12 +224,12 @@ def test_the_last_size_counts(tmp_path: Path) -> None:
     from_file = resolve(config=path)
     assert from_file.fov == 90
     assert from_file.angles == {"opplod.receptive_field": 90, "opplod.cell": 2}
-    changed = resolve(config=path, assignments=["opplod.receptive_field=80"])
+    changed = resolve(config=path, assignments={"opplod.receptive_field": "80"})
     assert changed.angles == {"opplod.cell": 2}
 
 
 def test_a_size_in_degrees_needs_the_field_of_view() -> None:
-    settings = resolve(assignments=["opplod.receptive_field=60deg"])
+    settings = resolve(assignments={"opplod.receptive_field": "60deg"})
     with pytest.raises(
         ParameterError, match=r"receptive_field=60deg needs .* --fov DEGREES .in Python fov=DEGREES"
     ):
@@ -239,15 +242,15 @@ def test_a_size_in_degrees_needs_the_field_of_view() -> None:
         ("opplod.receptive_field=0deg", "above 0deg and below 180deg, not '0deg'"),
         ("opplod.receptive_field=widedeg", "above 0deg and below 180deg, not 'widedeg'"),
         ("opplod.receptive_field=180deg", "above 0deg and below 180deg"),
-        ("opplod.arm_cone=60deg", "takes a number, not '60deg'"),
+        ("opplod_lplc2.arm_cone=60deg", "takes a number, not '60deg'"),
     ],
 )
 def test_wrong_angles_are_refused(given: str, reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
-        resolve(assignments=[given])
+        resolve(assignments=assigned(given))
 
 
 def test_a_size_too_small_for_a_pixel() -> None:
-    settings = resolve(fov="90", assignments=["opplod.receptive_field=0.1deg"])
+    settings = resolve(fov="90", assignments={"opplod.receptive_field": "0.1deg"})
     with pytest.raises(ParameterError, match=r"opplod.receptive_field=0.1deg: .* at least 2"):
         settings.seen_through(WIDE, WORKING)

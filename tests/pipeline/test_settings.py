@@ -4,11 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from oppload_cli.models.opplod_parameters import OpplodParams
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import alarm_floor_of, detectors
 from oppload_cli.pipeline.settings import resolve
+from tests.assigned import assigned
 
 
 def write(tmp_path: Path, text: str) -> Path:
@@ -22,7 +23,7 @@ def test_later_settings_win_and_say_where_they_came_from(tmp_path: Path) -> None
         tmp_path,
         'preset = "paper"\nmodels = ["opplod"]\nheight = 480\n[opplod]\ngain = 2.0\nthreshold = 1',
     )
-    settings = resolve(config=path, assignments=["opplod.gain=3"], height="native")
+    settings = resolve(config=path, assignments={"opplod.gain": "3"}, height="native")
     assert (settings.preset, settings.models, settings.height) == ("paper", ("opplod",), None)
     opplod = settings.groups["opplod"]
     assert isinstance(opplod, OpplodParams)
@@ -53,13 +54,13 @@ def test_defaults() -> None:
 
 def test_a_preset_brings_its_own_alarm() -> None:
     assert (resolve().alarm.floor_of("opplod"), resolve().alarm.factor) == (0.09, None)
-    reference = resolve(preset="reference", assignments=["alarm.factor=2"])
+    reference = resolve(preset="reference", assignments={"alarm.factor": "2"})
     assert (reference.alarm.floor_of("opplod"), reference.alarm.factor) == (8e-4, 2)
     assert reference.origins["alarm.opplod_floor"] == "preset reference"
     assert (resolve().places.floor, reference.places.floor) == (0.02, 1e-6)
     assert (resolve().time.interval, resolve(preset="paper").time.interval) == ("1/30", "frame")
     assert not resolve(preset="paper").alarm.on
-    assert resolve(preset="paper", assignments=["alarm.on=true"]).alarm.on
+    assert resolve(preset="paper", assignments={"alarm.on": "true"}).alarm.on
 
 
 @pytest.mark.parametrize(
@@ -100,17 +101,15 @@ def test_a_table_given_for_its_sidecar_gets_the_name_of_the_sidecar(tmp_path: Pa
 
 def test_the_bounds_of_the_interval_are_allowed() -> None:
     for text in ("0.0001", "10"):
-        assert resolve(assignments=[f"time.interval={text}"]).time.interval == text
+        assert resolve(assignments={"time.interval": str(text)}).time.interval == text
     for text in ("0.00009", "10.1"):
         with pytest.raises(ParameterError, match=f"0.0001 to 10 seconds .* not '{text}'"):
-            resolve(assignments=[f"time.interval={text}"])
+            resolve(assignments={"time.interval": str(text)})
 
 
 @pytest.mark.parametrize(
     ("assignment", "message"),
     [
-        ("gain=3", "write set.parameter=value"),
-        ("opplod.gain", "write set.parameter=value"),
         ("olod.gain=3", "no parameter set 'olod'; did you mean 'opplod'"),
         ("alarm.floor=3", "no parameter 'floor' of alarm; choose area_growth_floor, ci_lmd_floor,"),
         ("opplod.recepive_field=3", "did you mean 'receptive_field'"),
@@ -122,7 +121,7 @@ def test_the_bounds_of_the_interval_are_allowed() -> None:
 )
 def test_a_wrong_assignment(assignment: str, message: str) -> None:
     with pytest.raises(ParameterError, match=message):
-        resolve(assignments=[assignment])
+        resolve(assignments=assigned(assignment))
 
 
 @pytest.mark.parametrize("text", ["0", "-3", "12.5", "tall", "9000"])
@@ -139,11 +138,11 @@ def test_a_missing_file() -> None:
 def test_only_detectors_that_run_or_are_set_have_parameters(tmp_path: Path) -> None:
     common = ["alarm", "places", "rmo", "repeats", "time"]
     assert list(resolve(models=["lgmd2"]).groups) == ["lgmd2", *common]
-    assert list(resolve(assignments=["opplod.gain=2"]).groups) == ["opplod", "dlgmd", *common]
+    assert list(resolve(assignments={"opplod.gain": "2"}).groups) == ["opplod", "dlgmd", *common]
     assert resolve(models=["lgmd2"]).alarm.names()[-1] == "lgmd2_floor"
-    other = resolve(models=["lgmd2"], assignments=["plgmd.seed=2"])
+    other = resolve(models=["lgmd2"], assignments={"plgmd.seed": "2"})
     assert list(other.groups) == ["lgmd2", "plgmd", *common]
-    floors = resolve(models=["lgmd2"], assignments=["alarm.factor=5", "alarm.plgmd_floor=2"])
+    floors = resolve(models=["lgmd2"], assignments={"alarm.factor": "5", "alarm.plgmd_floor": "2"})
     assert list(floors.groups) == ["lgmd2", "plgmd", *common]
     assert floors.alarm.names()[-2:] == ("lgmd2_floor", "plgmd_floor")
     assert (floors.alarm.factor, floors.alarm.floor_of("plgmd")) == (5, 2)
@@ -154,7 +153,7 @@ def test_only_detectors_that_run_or_are_set_have_parameters(tmp_path: Path) -> N
 
 
 def test_settings_of_all_detectors_keep_their_values() -> None:
-    given = ["opplod.gain=2", "rmo.sides=2"]
+    given = {"opplod.gain": 2, "rmo.sides": 2}
     few = resolve(preset="reference", assignments=given)
     every = few.with_all_detectors()
     assert list(every.groups) == [*detectors(), *list(few.groups)[2:]]

@@ -196,9 +196,9 @@ def test_the_checksum_is_that_of_the_settings_and_of_the_input(
             {"fov": None},
             {"measure_rmo": True},
             {"columns": "all"},
-            {"assignments": ["alarm.factor=9"]},
-            {"assignments": ["opplod.receptive_field=20deg"]},
-            {"assignments": ["time.interval=frame"]},
+            {"assignments": {"alarm.factor": 9}},
+            {"assignments": {"opplod.receptive_field": "20deg"}},
+            {"assignments": {"time.interval": "frame"}},
         )
     ]
     (tmp_path / "b.avi").write_bytes(moved.read_bytes())

@@ -141,7 +141,7 @@ def off_centre(
     places: Sequence[tuple[float, float]], stimulus: str = "klapoetke2017/loom"
 ) -> list[float]:
     """Return peaks of one unit for a disk at places in degrees, over that in its centre."""
-    settings = resolve(models=["opplod_lplc2"], assignments=["opplod_lplc2.units=1x1"])
+    settings = resolve(models=["opplod_lplc2"], assignments={"opplod_lplc2.units": "1x1"})
     indicator_s = OpplodLplc2Params().calcium_s
     peaks = []
     for place in ((0.0, 0.0), *places):
@@ -176,7 +176,7 @@ def test_the_same_peaks_at_other_rates_and_sizes() -> None:
 
     def peaks(rate: int, height: int) -> list[float]:
         settings = resolve(
-            models=["opplod_lplc2"], height=str(height), assignments=["opplod_lplc2.units=1x1"]
+            models=["opplod_lplc2"], height=str(height), assignments={"opplod_lplc2.units": "1x1"}
         )
         signals = []
         for name in names:

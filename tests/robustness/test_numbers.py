@@ -20,11 +20,13 @@ from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import Outputs, Task
 from oppload_cli.stimulus import ground_truth, load_all
+from oppload_cli.ticks import ticks
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture, WorkingSize
 from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.optics import Optics
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span, parse_position
+from tests.assigned import assigned
 from tests.cli import inside
 from tests.cli.process import in_turn
 from tests.media import grey_frames, looming, write_video
@@ -41,7 +43,7 @@ def table(path: Path, folder: Path, *assignments: str, height: str = "60") -> by
     folder.mkdir(exist_ok=True)
     csv_path = folder / f"{len(list(folder.iterdir()))}.csv"
     outputs = Outputs(csv_path, csv_path.with_suffix(".json"))
-    run_task(Task(str(path), resolve(height=height, assignments=assignments), outputs))
+    run_task(Task(str(path), resolve(height=height, assignments=assigned(*assignments)), outputs))
     return csv_path.read_bytes()
 
 
@@ -158,7 +160,7 @@ def test_extreme_parameters_stay_finite(tmp_path: Path) -> None:
 )
 def test_a_value_that_is_no_number_is_refused(name: str, value: str) -> None:
     with pytest.raises(ParameterError):
-        resolve(assignments=[f"{name}={value}"])
+        resolve(assignments={name: str(value)})
 
 
 class Endless:
@@ -175,7 +177,7 @@ class Endless:
     def pictures(self) -> Iterator[Picture]:
         for index in range(self._count):
             self.decode.decoded += 1
-            yield Picture(index, index / 30, self._planes[index % 16])
+            yield Picture(index, ticks(index / 30), self._planes[index % 16])
 
     def finish(self) -> None:
         pass
@@ -292,5 +294,5 @@ def test_luminance_stays_within_its_range(full: bool) -> None:
         assert values.max() == 1
         assert np.isfinite(values).all()
     facts = InputFacts("a", "container", 3, 5, None, None)
-    luminance = Luminance(WorkingSize.of(facts, 2))(Picture(0, 0.0, np.full((5, 3), 255, np.uint8)))
+    luminance = Luminance(WorkingSize.of(facts, 2))(Picture(0, 0, np.full((5, 3), 255, np.uint8)))
     assert luminance.max() <= 1
