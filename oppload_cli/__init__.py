@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from oppload_cli.detection.contact import PlaceParams
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
-    from oppload_cli.frames.ticks import ticks
     from oppload_cli.models.bank import DetectorBank
     from oppload_cli.models.detector import AlarmRule, Box, Column, Detector, Response, UnitMaps
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
@@ -57,6 +56,7 @@ if TYPE_CHECKING:
     from oppload_cli.results.record import DetectorRecord, FrameRecord
     from oppload_cli.results.tuning import Tuning, read_tuning
     from oppload_cli.schema import Parameters, parameter
+    from oppload_cli.ticks import ticks
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video, open_video
     from oppload_cli.video.span import Position, Span
@@ -82,7 +82,7 @@ _MODULES = {
     "detection.contact": ("PlaceParams",),
     "detection.places": ("Detection",),
     "errors": ("OpploadError",),
-    "frames.ticks": ("ticks",),
+    "ticks": ("ticks",),
     "models.bank": ("DetectorBank",),
     "models.detector": ("AlarmRule", "Box", "Column", "Detector", "Response", "UnitMaps"),
     "models.dlgmd": ("Dlgmd", "DlgmdParams", "DlgmdResponse"),

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from oppload_cli.pipeline.sources import Source, Times
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
     from oppload_cli.results.tuning import Tuning
 
 
@@ -458,12 +458,17 @@ def _wanted(
     return {
         "models": list(names),
         "height": None if height is None else str(height),
-        "assignments": [f"{name}={_text(value)}" for name, value in (settings or {}).items()],
+        "assignments": {str(name): _plain(value) for name, value in (settings or {}).items()},
     }
 
 
+def _plain(value: object) -> object:
+    """Return the value of a setting without NumPy: a list for an array, a number for one number."""
+    return getattr(value, "tolist", lambda: value)()
+
+
 def _text(value: object) -> str:
-    """Return the value of a setting as the command line takes it."""
+    """Return the value of a swept parameter as the command line takes it."""
     has_no_axis = getattr(value, "ndim", 1) == 0  # an array of one number, as np.load gives it
     if isinstance(value, str) or not isinstance(value, Collection) or has_no_axis:
         return str(value)

@@ -78,7 +78,7 @@ def evaluate(
     inputs: tuple[str, ...],
     battery: bool,
     models: tuple[str, ...],
-    assignments: tuple[str, ...],
+    assignments: dict[str, str],
     config: Path | None,
     height: str | None,
     boxes: Path | None,

@@ -133,11 +133,12 @@ def _complete_settings(_: click.Context, __: click.Parameter, text: str) -> list
     if not dot or group not in sets:
         return completions(text, dict.fromkeys((f"{name}." for name in sets), ""))
     name, equals, _value = rest.partition("=")
-    declared = {each.name: each for each in sets[group][1].declared()}
+    declared = {parameter.name: parameter for parameter in sets[group][1].declared()}
     if equals:
         choices = declared[name].choices if name in declared else ()
         return completions(text, {f"{group}.{name}={choice}": "" for choice in choices})
-    return completions(text, {f"{group}.{name}=": each.meaning for name, each in declared.items()})
+    meanings = {f"{group}.{name}=": parameter.meaning for name, parameter in declared.items()}
+    return completions(text, meanings)
 
 
 def complete_stimuli(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
@@ -163,11 +164,12 @@ def check_models(names: Iterable[str], command: str) -> None:
 
     The message says how `command` loads the user's own detectors.
     """
-    from oppload_cli.models.registry import ALL, known_names
+    from oppload_cli.models.registry import ALL, known_names, names_of
 
     known = known_names()
-    for each in listed_names(names):
-        name = each.partition(":")[0]
+    for name in listed_names(names):
+        if ":" in name:
+            names_of(name)  # raises the error, which names the model to choose
         if name != ALL and name not in known:
             raise ParameterError(
                 f"no model '{name}'{suggestion(name, known)} (load a model of your own with "
@@ -211,6 +213,20 @@ results = click.argument(
 
 quiet = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 
+
+def _assigned(_: click.Context, __: click.Parameter, texts: tuple[str, ...]) -> dict[str, str]:
+    """Return the values of parameters by ``set.parameter``."""
+    values = {}
+    for text in texts:
+        target, equals, value = text.partition("=")
+        if not equals or "." not in target:
+            raise ParameterError(
+                f"'{text}' is no setting; write set.parameter=value, e.g. {EXAMPLE_SETTING}"
+            )
+        values[target.strip()] = value.strip()
+    return values
+
+
 # Each command says in its own words which detectors and settings it takes.
 models = partial(click.option, "--model", "models", multiple=True, shell_complete=_complete_models)
 assignments = partial(
@@ -218,6 +234,7 @@ assignments = partial(
     "--set",
     "assignments",
     multiple=True,
+    callback=_assigned,
     metavar="SET.PARAMETER=VALUE",
     shell_complete=_complete_settings,
 )

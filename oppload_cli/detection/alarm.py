@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.frames.ticks import ticks
 from oppload_cli.models.registry import detector_named, known_names
 from oppload_cli.models.timebase import REFERENCE_INTERVAL, Background
 from oppload_cli.schema import Parameters, parameter
+from oppload_cli.ticks import ticks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

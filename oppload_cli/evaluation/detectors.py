@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.frames.repeats import RepeatParams
 from oppload_cli.models.registry import detectors, names_of
 from oppload_cli.models.timebase import TimeParams
-from oppload_cli.pipeline.repeats import RepeatParams
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.video.frames import NATIVE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from oppload_cli.detection.alarm import AlarmParams
@@ -50,7 +50,7 @@ class EvaluatedDetector:
 def evaluated_detectors(
     names: Iterable[str] = (),
     repeats: str | None = None,
-    assignments: Sequence[str] = (),
+    assignments: Mapping[str, object] | None = None,
     *,
     config: Path | None = None,
     height: str | None = None,
@@ -64,8 +64,8 @@ def evaluated_detectors(
         among them, ``opplod`` and ``opplod_reference`` are evaluated too.
     repeats : str, optional
         Which repeats all detectors leave out: ``near``, ``exact`` or ``keep`` (none).
-    assignments : sequence of str
-        ``set.parameter=value`` in place of the default; the set is a detector, ``alarm``,
+    assignments : mapping of str, optional
+        Values in place of the defaults by ``set.parameter``; the set is a detector, ``alarm``,
         ``repeats`` or ``time``.
     config : Path, optional
         Settings of ``oppload run`` in TOML; `names`, `repeats`, `assignments` and `height` override
@@ -88,11 +88,11 @@ def evaluated_detectors(
     baselines = [name for name, detector in known.items() if detector.evaluated]
     models = list(dict.fromkeys((*chosen, *baselines)))
     sets = {*models, "alarm", "repeats", "time"}
-    for assignment in assignments:
-        name = assignment.partition(".")[0].strip()
+    for target in assignments or {}:
+        name = target.partition(".")[0]
         if name not in sets:
             raise ParameterError(
-                f"'{assignment}': the evaluation has no parameter set '{name}'; add a detector "
+                f"'{target}': the evaluation has no parameter set '{name}'; add a detector "
                 f"with --model, or choose {', '.join(sorted(sets))}"
             )
     settings = resolve(

@@ -10,13 +10,13 @@ from oppload_cli.detection.places import Detections
 from oppload_cli.frames.between import Interpolation
 from oppload_cli.frames.preparation import Preparation, Prepared
 from oppload_cli.frames.repeats import Repeat
-from oppload_cli.frames.ticks import FrameTimes, seconds_of
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_of
 from oppload_cli.models.timebase import ROUNDING
 from oppload_cli.motion.flow import DenseFlow, Flow
 from oppload_cli.results.record import DetectorRecord, FrameRecord
+from oppload_cli.ticks import FrameTimes, seconds_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

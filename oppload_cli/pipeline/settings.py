@@ -15,7 +15,6 @@ from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.errors import ParameterError, faults_at, suggestion
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.frames.repeats import RepeatParams
-from oppload_cli.models import EXAMPLE_SETTING
 from oppload_cli.models.registry import (
     default_names,
     detector_named,
@@ -32,7 +31,7 @@ from oppload_cli.video.frames import AUTO, parse_height, pixels_of
 from oppload_cli.video.optics import FOV, parse_fov
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from oppload_cli.schema import Parameters
@@ -196,7 +195,7 @@ def resolve(
     fov: str | None = None,
     repeats: str | None = None,
     measure_rmo: bool | None = None,
-    assignments: Sequence[str] = (),
+    assignments: Mapping[str, object] | None = None,
     usual: Sequence[str] = (),
     columns: str | None = None,
 ) -> Settings:
@@ -214,8 +213,9 @@ def resolve(
         Names of detectors to run, or ``all``; a text may hold several names, separated by commas.
     repeats : str, optional
         ``near``, ``exact`` or ``keep``, in place of the parameter ``repeats.handling``.
-    assignments : sequence of str
-        ``set.parameter=value``, such as `EXAMPLE_SETTING`; a size may be given as ``60deg``.
+    assignments : mapping of str, optional
+        Values of single parameters by ``set.parameter``, such as ``{"opplod.gain": 2}``. A text is
+        read as on the command line; a size may be given as ``60deg``.
     usual : sequence of str
         The detectors if neither `models` nor the file names any; OppLoD and D-LGMD if left out.
 
@@ -224,7 +224,7 @@ def resolve(
     ParameterError
         If a name is unknown or a value out of range; the message names the place.
     """
-    content = _read(config) if config else {}
+    content, assignments = _read(config) if config else {}, dict(assignments or {})
     file_name = str(config) if config else ""
     usual = usual or default_names()
     needed = _needed_detectors(_models(models) if models else usual, content, assignments)
@@ -248,14 +248,14 @@ def resolve(
         "columns": columns,
     }
     if repeats:
-        if any(each.partition("=")[0].strip() == "repeats.handling" for each in assignments):
+        if "repeats.handling" in assignments:
             raise ParameterError("--repeats and --set repeats.handling are the same; give one")
-        assignments = [*assignments, f"repeats.handling={repeats}"]
+        assignments["repeats.handling"] = repeats
     return _with_command_line(settings, options, assignments).without_idle_detectors()
 
 
 def check_assignments(
-    assignments: Sequence[str], models: Sequence[str], *, measure_rmo: bool
+    assignments: Mapping[str, object], models: Sequence[str], *, measure_rmo: bool
 ) -> None:
     """Raise ParameterError if a single setting belongs to a part that does not run.
 
@@ -263,26 +263,25 @@ def check_assignments(
     """
     idle = set(known_names()) - set(models)
     floors = {f"alarm.{name}_floor": name for name in idle}
-    for text in assignments:
-        target = text.partition("=")[0].strip()
+    for target, value in assignments.items():
         name = floors.get(target, target.partition(".")[0])
         if name in idle:
             raise ParameterError(
-                f"setting {text} has no effect, as '{name}' does not run; give --model {name} (in "
-                "Python models) too, or leave it out"
+                f"setting {target}={value} has no effect, as '{name}' does not run; give --model "
+                f"{name} (in Python models) too, or leave it out"
             )
         if name == "rmo" and not measure_rmo:
             raise ParameterError(
-                f"setting {text} has no effect, as RMO is not measured; leave it out"
+                f"setting {target}={value} has no effect, as RMO is not measured; leave it out"
             )
 
 
 def _needed_detectors(
-    models: Sequence[str], content: Mapping[str, Any], assignments: Sequence[str]
+    models: Sequence[str], content: Mapping[str, Any], assignments: Iterable[str]
 ) -> Sequence[str]:
     """Return the detectors whose parameters are needed: all, if any of them may have a setting."""
     others = {*models, "places", "rmo", "repeats", "time"}
-    few = not content and all(each.partition(".")[0].strip() in others for each in assignments)
+    few = not content and all(target.partition(".")[0] in others for target in assignments)
     return [name for name in known_names() if name in models] if few else known_names()
 
 
@@ -318,37 +317,28 @@ def _with_table(
 
 
 def _with_command_line(
-    settings: Settings, options: Mapping[str, object], assignments: Sequence[str]
+    settings: Settings, options: Mapping[str, object], assignments: Mapping[str, object]
 ) -> Settings:
     groups, origins = dict(settings.groups), dict(settings.origins)
     changes: dict[str, dict[str, object]] = {}
     angles = dict(settings.angles)
-    for assignment in assignments:
-        group, name, text = _split(assignment, groups)
-        full_name, angle = f"{group}.{name}", groups[group].angle(name, text)
+    for full_name, value in assignments.items():
+        group, _, name = full_name.partition(".")
+        if group not in groups:
+            raise ParameterError(f"no parameter set '{group}'{suggestion(group, groups)}")
+        angle = groups[group].angle(name, value)
         if angle:
             angles[full_name] = angle
         else:
             angles.pop(full_name, None)
-            changes.setdefault(group, {})[name] = groups[group].parsed(name, text)
+            typed = groups[group].parsed(name, value) if isinstance(value, str) else value
+            changes.setdefault(group, {})[name] = typed
         origins[full_name] = _COMMAND_LINE
     for group, values in changes.items():
         groups[group] = groups[group].replaced(**values)
     top = {key: _TOP_READERS[key](value) for key, value in options.items() if value is not None}
     origins.update(dict.fromkeys(top, _COMMAND_LINE))
     return replace(settings, groups=groups, origins=origins, angles=angles, **top)
-
-
-def _split(assignment: str, groups: Mapping[str, Parameters]) -> tuple[str, str, str]:
-    target, equals, text = assignment.partition("=")
-    group, dot, name = target.strip().partition(".")
-    if not equals or not dot:
-        raise ParameterError(
-            f"'{assignment}' is no setting; write set.parameter=value, e.g. {EXAMPLE_SETTING}"
-        )
-    if group not in groups:
-        raise ParameterError(f"no parameter set '{group}'{suggestion(group, groups)}")
-    return group, name, text.strip()
 
 
 def _models(names: object) -> tuple[str, ...]:

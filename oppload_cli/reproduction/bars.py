@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 # A field of 60 degrees, as that of LPLC2: 5 px/deg at a height of 360, so 200 px at 240.
-_FIELD = (f"{REFERENCE}.receptive_field=200",)
+_FIELD = {f"{REFERENCE}.receptive_field": 200}
 _BAR, _LOOM = "klapoetke2017/bar-expand-{}", "klapoetke2017/loom"
 _END_DEG = 35.0  # largest distance of each end of the bar from its middle
 # The bar of the catalogue stops at the edge of the largest field. A longer bar shows what the

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 from importlib import resources
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.environment import environment
@@ -233,7 +234,7 @@ def described_settings(settings: Settings) -> str:
 
 def settings_of(
     detector: str,
-    assignments: Sequence[str] = (),
+    assignments: Mapping[str, object] = MappingProxyType({}),
     *,
     height: str | None = None,
     beside: str = "",
@@ -244,18 +245,20 @@ def settings_of(
     ----------
     detector : str
         Name of the detector.
-    assignments : sequence of str
-        As for ``--set``; those of other detectors are left out.
+    assignments : mapping of str
+        Values of parameters by ``detector.parameter``; those of other detectors are left out.
     height : str, optional
         The working height; by default that of the detector.
     beside : str
         Name of the other detector, if any. It gets frames of the same height, and the same time
         base, so that only the models differ.
     """
-    chosen = [text for text in assignments if text.startswith(f"{detector}.")]
+    chosen = {
+        target: value for target, value in assignments.items() if target.startswith(f"{detector}.")
+    }
     own = detector_named(detector)
     if beside and detector_named(beside).interval != own.interval:
-        chosen.append(f"time.interval={own.interval}")
+        chosen["time.interval"] = own.interval
     return resolve(
         models=[detector, beside] if beside else [detector],
         height=height or str(own.height),

@@ -48,7 +48,7 @@ _SPEEDS = (1, 2, 3, 4, 6, 8, 10, 15)
 _VERTICAL = {90: "upward", 270: "downward"}
 _DIAGONALS = (45, 135, 225, 315)
 # Pathways along 0 and 90 degrees instead of diagonals.
-_CARDINAL = tuple(f"{detector}.axes=0" for detector in PAPER_DETECTORS)
+_CARDINAL = {f"{detector}.axes": 0 for detector in PAPER_DETECTORS}
 
 _STIMULI = {
     "outward": "opplod2023/bar-10",
@@ -58,7 +58,7 @@ _STIMULI = {
 _OUTWARD, _BOTH, _INWARD = _STIMULI
 _ANGLES = [0, 45]
 # A field of 60 degrees, as that of LPLC2: 8 px/deg at a height of 600, so 192 px at 240.
-_FIELD_OF_60 = (f"{REFERENCE}.receptive_field=192",)
+_FIELD_OF_60 = {f"{REFERENCE}.receptive_field": 192}
 _FILTERS = {REFERENCE: -1, PAPER: 1}  # weight of inward motion in the filter of each detector
 
 

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 _CENTRE, _OFF_CENTRE = "opplod2023/looming-disk-centre", "opplod2023/looming-disk-off-centre"
 # The paper's field of 200 px, as the disk is shown at its native size.
-_FIELD = (f"{REFERENCE}.receptive_field=200", f"{REFERENCE}.cell=10")
+_FIELD = {f"{REFERENCE}.receptive_field": 200, f"{REFERENCE}.cell": 10}
 _MODELS = _OPPLOD, _BASELINE = "OppLoD", "D-LGMD"  # which the paper compares
 _DLGMD = "dlgmd"  # the detector beside each version of OppLoD
 # Frames of the peaks, which the paper gives for one disk.

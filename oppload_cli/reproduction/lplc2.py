@@ -42,12 +42,11 @@ if TYPE_CHECKING:
 
 _FITTED = OpplodLplc2.name
 _DETECTORS = _FITTED, REFERENCE, PAPER, "mlplc2", "emd_lplc2_gf", "zhou_lrf"
-_ASSIGNMENTS = (
-    # One unit in the middle of the stimulus, because the study recorded from one neuron.
-    f"{_FITTED}.units=1x1",
-    f"{REFERENCE}.units=1x1",
-    f"{REFERENCE}.receptive_field=200",  # 60 degrees, as that of opplod_lplc2
-)
+_ASSIGNMENTS = {
+    f"{_FITTED}.units": "1x1",
+    f"{REFERENCE}.units": "1x1",
+    f"{REFERENCE}.receptive_field": 200,  # 60 degrees, as that of opplod_lplc2
+}
 
 
 class _Family(NamedTuple):

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, StimulusError, faults_at, suggestion
+from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.settings import Settings, check_assignments, resolve
 from oppload_cli.results.tuning import direction_of
 from oppload_cli.stimulus.catalogue import Entry, find
@@ -39,7 +40,9 @@ class _Classic:
     stimulus: str  # in the catalogue
     sweep: dict[str, list[Any]] = field(default_factory=dict)  # by dotted key
     changes: dict[str, Any] = field(default_factory=dict)  # of the stimulus, by dotted key
-    settings: tuple[str, ...] = ()  # of detectors; settings of the user replace them
+    settings: dict[str, Any] = field(
+        default_factory=dict
+    )  # of detectors, unless the user sets them
     presentations: int = 1  # of each stimulus, in a row
 
 
@@ -78,8 +81,8 @@ FIGURES: dict[str, _Classic] = {
             "timing.before_s": 0,
             "timing.motion_s": 0.5,
         },
-        # OppLoD with one unit, so that the map shows the receptive field of a single unit.
-        ("opplod.units=1x1",),
+        # One unit, so that the map shows its receptive field.
+        {"units": "1x1"},
     ),
     "bar-ends": _Classic(
         "A bar that grows at one end and at both",
@@ -180,7 +183,7 @@ def sweeps(
 
 
 def _checked(sweep: Sweep, settings: Mapping[str, Any]) -> Sweep:
-    check_assignments(settings.get("assignments", ()), sweep.settings.models, measure_rmo=False)
+    check_assignments(settings.get("assignments", {}), sweep.settings.models, measure_rmo=False)
     return sweep
 
 
@@ -245,7 +248,13 @@ def _figure_sweep(
                     f"value with --change {key}=VALUE"
                 )
         entry = replace(entry, sweep=entry.sweep | chosen)
-    assignments = [*figure.settings, *settings.get("assignments", ())]
+    own_settings = {
+        f"{model}.{name}": value
+        for model in resolve(**settings, usual=_USUAL).models
+        for name, value in figure.settings.items()
+        if name in parameters_of(model).names()
+    }
+    assignments = own_settings | dict(settings.get("assignments", {}))
     resolved = resolve(**{**settings, "assignments": assignments}, usual=_USUAL)
     words = {"name": name, "title": figure.title, "kind": figure.kind}
     entry = replace(entry, name=name)
