@@ -269,7 +269,7 @@ class OpplodLplc2(CellDetector):
 
     name = "opplod_lplc2"
     label = "OppLoD LPLC2"
-    colour = "#009E73"
+    colour = "#0099B8"
     evaluated = False  # if no version of OppLoD is chosen, two are evaluated
     year = 2026
     reference = "oppload 2026, fitted to Klapoetke et al., Nature 2017"

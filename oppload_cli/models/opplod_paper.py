@@ -174,7 +174,7 @@ class OpplodPaper(Detector):
 
     name = "opplod_paper"
     label = "OppLoD paper"
-    colour = "#E69F00"
+    colour = "#3DAD00"
     evaluated = False  # if no version of OppLoD is chosen, two are evaluated
     year = 2023
     reference = "Shuang et al., OppLoD, arXiv:2302.10284"

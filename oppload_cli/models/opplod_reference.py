@@ -164,7 +164,7 @@ class OpplodReference(CellDetector):
 
     name = "opplod_reference"
     label = "OppLoD reference"
-    colour = "#CC79A7"
+    colour = "#D666C2"
     evaluated = False  # if no version of OppLoD is chosen, two are evaluated
     year = 2023
     reference = "Shuang et al., OppLoD, arXiv:2302.10284"

@@ -12,6 +12,7 @@ import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
 
 from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.models.registry import detector_named
 from oppload_cli.plots import style
 from oppload_cli.plots.classic import FIGURES
 from oppload_cli.plots.naming import indicator_of, labels_of
@@ -27,6 +28,7 @@ from oppload_cli.plots.tuning_curves import (
 from oppload_cli.results.cells import check_numbers
 from oppload_cli.results.tuning import Tuning
 from oppload_cli.stimulus.catalogue import in_toml
+from oppload_cli.video.frames import AUTO
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -250,8 +252,6 @@ def _settings_of(tuning: Tuning) -> str:
     sidecar = tuning.sidecar
     if "models" not in sidecar:
         return ""
-    display = first_stimulus(tuning).get("display", {})
-    height = sidecar.get("height") or display.get("height")
     stated = dict(sidecar.get("changed", {}))
     changes = sidecar.get("stimulus", {}).get("changes")
     for key, value in changes.items() if isinstance(changes, dict) else ():
@@ -260,8 +260,21 @@ def _settings_of(tuning: Tuning) -> str:
     for name in tuning.parameters:
         if name not in reduced.parameters:
             stated[name] = _number(tuning.rows[name].iloc[0])
-    line = f"{height} px" if isinstance(height, int) else ""
-    return "; ".join([*filter(None, [line]), *(f"{key}={value}" for key, value in stated.items())])
+    texts = [_height_of(tuning), *(f"{key}={value}" for key, value in stated.items())]
+    return "; ".join(filter(None, texts))
+
+
+def _height_of(tuning: Tuning) -> str:
+    """Return the working height, of each detector if they differ; empty if it is not known."""
+    height = tuning.sidecar.get("height")
+    if height == AUTO:
+        kinds = [detector_named(name) for name in tuning.models]
+        if len({kind.height for kind in kinds}) > 1:
+            return ", ".join(f"{kind.label} {kind.height} px" for kind in kinds)
+        height = kinds[0].height
+    elif not isinstance(height, int):  # the native one
+        height = first_stimulus(tuning).get("display", {}).get("height")
+    return f"{height} px" if isinstance(height, int) else ""
 
 
 def _write_below(figure: Figure, lines: Sequence[str]) -> None:

@@ -360,12 +360,13 @@ def test_a_map_that_falls_to_half_on_one_side_only(tmp_path: Path) -> None:
     edge: NDArray[np.float64] = np.where(right < 0, 0.2, 1.0)
     peaks = {"opplod": edge.ravel().tolist()}
     of_figure = {"title": "Response over the position of a growing disk", "kind": "position"}
-    stated = {"figure": of_figure, "indicator_s": 1.0, "preset": "lplc2"}
+    stated: dict[str, Any] = {"figure": of_figure, "indicator_s": 1.0}
+    stated |= {"models": ["opplod"], "height": "auto"}
     tuning = made(tmp_path / "a.tuning.csv", grid(edge, 6), peaks, **stated)
     figure, (panel,) = plot_tuning(tuning)
     assert panel.get_title(loc="left") == "OppLoD\nhalf on some sides only"
     figure.draw_without_rendering()
-    (foot,) = (text for text in figure.texts if text.get_text().startswith("preset lplc2"))
+    (foot,) = (text for text in figure.texts if text.get_text().startswith("240 px"))
     label = panel.xaxis.label.get_window_extent()
     assert label.y0 > foot.get_window_extent().y1  # below a title of two lines
 

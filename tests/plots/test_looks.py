@@ -87,7 +87,14 @@ def test_a_detector_has_the_same_look_in_every_figure_of_several() -> None:
     assert [looks_of([name])[0]["linestyle"] for name in names] == ["-"] * len(names)
 
 
-@pytest.mark.parametrize("names", [["opplod", "dlgmd", "frame_difference"], ["dlgmd"] * 4])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["opplod", "dlgmd", "frame_difference"],
+        ["opplod", "dlgmd", "opplod_reference", "opplod_paper"],
+        ["dlgmd"] * 4,
+    ],
+)
 def test_a_few_curves_differ_in_dashes_and_markers_in_grey(names: list[str]) -> None:
     looks = looks_of(names)
     for part in ("linestyle", "marker"):

@@ -83,13 +83,6 @@ def result_of(folder: Path, sidecar: dict[str, object]) -> BaseResult:
 
 def test_results_of_one_input_are_named_by_their_settings(tmp_path: Path) -> None:
     about: dict[str, object] = {"input": {"name": "clip.avi"}}
-    presets = [result_of(tmp_path / name, {**about, "preset": name}) for name in ("one", "two")]
-    assert labels_of(presets) == ["preset one", "preset two"]
-    titles = [axes.get_title("left") for axes in plot_curves(presets)[1]]
-    assert [title.replace("\n", " ") for title in titles if title] == [
-        "clip.avi: preset one",
-        "clip.avi: preset two",
-    ]
     gains = [
         result_of(
             tmp_path / f"g{gain}", {**about, "parameters": {"opplod": {"gain": gain, "x": 1}}}
@@ -97,6 +90,11 @@ def test_results_of_one_input_are_named_by_their_settings(tmp_path: Path) -> Non
         for gain in (1, 2)
     ]
     assert labels_of(gains) == ["opplod.gain 1", "opplod.gain 2"]
+    titles = [axes.get_title("left") for axes in plot_curves(gains)[1]]
+    assert [title.replace("\n", " ") for title in titles if title] == [
+        "clip.avi: opplod.gain 1",
+        "clip.avi: opplod.gain 2",
+    ]
     alike = [result_of(tmp_path / f"day-{day}", about) for day in (1, 2)]
     assert labels_of(alike) == ["day-1", "day-2"]
     # The last folder alone would not tell these three apart.
@@ -134,10 +132,15 @@ def test_results_of_arrays_are_numbered() -> None:
 def test_tuning_tables_of_one_stimulus_are_named_by_their_settings() -> None:
     rows = pd.DataFrame({"stimulus": ["bar/a"], "disk.direction_deg": [0], "model": ["opplod"]})
     tables = [
-        Tuning(Path(folder) / "bar.tuning.csv", rows, ("disk.direction_deg",), {"preset": preset})
-        for folder, preset in (("one", "default"), ("two", "reference"), ("three", "reference"))
+        Tuning(
+            Path(folder) / "bar.tuning.csv",
+            rows,
+            ("disk.direction_deg",),
+            {"parameters": {"opplod": {"gain": gain}}},
+        )
+        for folder, gain in (("one", 1.0), ("two", 2.0), ("three", 2.0))
     ]
-    assert labels_of(tables[:2]) == ["preset default", "preset reference"]
+    assert labels_of(tables[:2]) == ["opplod.gain 1.0", "opplod.gain 2.0"]
     assert labels_of(tables[1:]) == ["two", "three"]
     assert labels_of(tables[:2], ["a", "b"]) == ["a", "b"]
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 AXES = {"bar.axis_deg": [0.0, 45, 90, 135]}
 PEAKS = {"opplod": [1.0, 4, 1, 4], "dlgmd": [0.0, 0, 0, 0]}
 L_OVER_V = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
+AT_240: dict[str, Any] = {"models": ["opplod"], "height": 240}
 
 
 def made(
@@ -78,7 +79,7 @@ def test_a_symmetric_axis_is_drawn_all_round_beside_lplc2(tmp_path: Path) -> Non
 
 def test_rounding_errors_are_no_response(tmp_path: Path) -> None:
     """Pathways that cancel leave 1e-14 of a response, which depends on the direction."""
-    tuning = made(tmp_path, AXES, {"opplod": [1e-14, 2e-14, 0, 1e-14]}, preset="reference")
+    tuning = made(tmp_path, AXES, {"opplod": [1e-14, 2e-14, 0, 1e-14]})
     (curve,) = polar_curves(tuning, lplc2="none")
     assert curve.line() == "OppLoD: no response"
 
@@ -205,7 +206,7 @@ def test_seeds_are_averaged_with_bars_of_their_deviation(
 ) -> None:
     peaks = [1.0, 3, 10, 4, 2, 2]
     swept = {key: [0.0, 0, 30, 30, 60, 60], "seed": [1.0, 2, 1, 2, 1, 2]}
-    table = made(tmp_path, swept, {"opplod": peaks}, preset="reference")
+    table = made(tmp_path, swept, {"opplod": peaks}, **AT_240)
     figure, (panel,) = plot_tuning(table, scale="raw", lplc2="none")
     np.testing.assert_allclose(y_of(panel.lines[0]), [2, 7, 2])
     (bars,) = (drawn for drawn in panel.collections if isinstance(drawn, LineCollection))
@@ -310,17 +311,36 @@ def test_several_lines_that_mean_little_are_told_apart(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["polar", "line"])
 def test_the_foot_of_a_figure_says_how_it_was_measured(kind: str, tmp_path: Path) -> None:
     before = plot_tuning(made(tmp_path, AXES, PEAKS), kind)[0]
-    assert not any("preset" in text.get_text() for text in before.texts)
+    assert not any("px" in text.get_text() for text in before.texts)
     changed = {"opplod.units": "1x1"}
-    tuning = made(tmp_path, AXES, PEAKS, preset="paper", height=600, changed=changed)
+    tuning = made(tmp_path, AXES, PEAKS, models=[*PEAKS], height=600, changed=changed)
     figure, (panel,) = plot_tuning(tuning, kind)
     line = figure.texts[-1]
-    assert line.get_text() == "preset paper, 600 px; opplod.units=1x1"
+    assert line.get_text() == "600 px; opplod.units=1x1"
     figure.draw_without_rendering()
     box, tight = line.get_window_extent(), panel.get_tightbbox()
     assert tight is not None
     assert figure.bbox.y0 <= box.y0 < box.y1 <= tight.y0
     assert figure.get_figheight() > before.get_figheight()
+
+
+@pytest.mark.parametrize(
+    ("height", "models", "said"),
+    [
+        ("auto", ["opplod", "dlgmd"], "240 px"),
+        ("auto", ["opplod_paper"], "600 px"),
+        ("auto", ["opplod", "opplod_paper"], "OppLoD 240 px, OppLoD paper 600 px"),
+        ("native", ["opplod", "opplod_paper"], "360 px"),
+        (90, ["opplod", "opplod_paper"], "90 px"),
+    ],
+)
+def test_the_foot_states_the_working_height_of_each_detector(
+    height: str | int, models: list[str], said: str, tmp_path: Path
+) -> None:
+    stimulus = {"name": "bar", "first": {"display": {"height": 360}}}
+    peaks = dict.fromkeys(models, PEAKS["opplod"])
+    tuning = made(tmp_path, AXES, peaks, models=models, height=height, stimulus=stimulus)
+    assert plot_tuning(tuning)[0].texts[-1].get_text() == said
 
 
 @pytest.mark.long
@@ -329,7 +349,7 @@ def test_the_foot_lies_below_the_label_of_small_panels(kind: str, tmp_path: Path
     names = [name for name in detectors() if name != "opplod"][:7]
     peaks = dict.fromkeys(names, PEAKS["opplod"])
     changed = {f"opplod.{letter * 9}": 1.5 for letter in "abcdefgh"}
-    tuning = made(tmp_path, AXES, peaks, preset="paper", height=600, changed=changed)
+    tuning = made(tmp_path, AXES, peaks, models=names, height=600, changed=changed)
     figure, axes = plot_tuning(tuning, kind)
     figure.draw_without_rendering()
     foot = figure.texts[-1].get_window_extent()
@@ -349,26 +369,26 @@ def test_a_damaged_protocol_in_the_sidecar_is_left_out(
     kind: str, first: object, tmp_path: Path
 ) -> None:
     stimulus = {"name": "klapoetke2017/bar-expand-10", "first": first}
-    figure, _ = plot_tuning(made(tmp_path, AXES, PEAKS, preset="paper", stimulus=stimulus), kind)
-    assert figure.texts[-1].get_text() == "preset paper"
+    figure, _ = plot_tuning(made(tmp_path, AXES, PEAKS, stimulus=stimulus, **AT_240), kind)
+    assert figure.texts[-1].get_text() == "240 px"
 
 
 def test_the_foot_names_the_changes_of_the_stimulus(tmp_path: Path) -> None:
     changes = {"bar.growth.speed_deg_s": 40, "bar.centre_deg": [0, 5], "bar.growth.sides": "both"}
     stimulus = {"name": "bar", "changes": changes}
     stated = "bar.growth.speed_deg_s=40; bar.centre_deg=[0, 5]; bar.growth.sides=both"
-    tuning = made(tmp_path, AXES, PEAKS, preset="paper", stimulus=stimulus)
+    tuning = made(tmp_path, AXES, PEAKS, stimulus=stimulus, **AT_240)
     foot = plot_tuning(tuning)[0].texts[-1].get_text()
-    assert " ".join(foot.split()) == f"preset paper; {stated}"
+    assert " ".join(foot.split()) == f"240 px; {stated}"
 
 
 def test_a_sweep_of_one_row_is_a_line(tmp_path: Path) -> None:
     """The value that stays is told at the foot."""
     values = {"disk.speed_deg_s": [14.4] * 4, "disk.luminance": [0.0, 0.3, 0.6, 0.9]}
     peaks = {"opplod": [4.0, 3, 2, 1]}
-    figure, (panel,) = plot_tuning(made(tmp_path, values, peaks, preset="reference", height=240))
+    figure, (panel,) = plot_tuning(made(tmp_path, values, peaks, **AT_240))
     np.testing.assert_allclose(np.asarray(panel.lines[0].get_xdata(), float), [0, 0.3, 0.6, 0.9])
-    assert figure.texts[-1].get_text() == "preset reference, 240 px; disk.speed_deg_s=14.4"
+    assert figure.texts[-1].get_text() == "240 px; disk.speed_deg_s=14.4"
     places = {"d.centre_deg.right": [0.0, 5, 10, 15], "d.centre_deg.up": [0.0] * 4}
     tuning = made(tmp_path, places, peaks, figure={"kind": "position"})
     assert plot_tuning(tuning)[1][0].get_xlabel() == "right (deg)"
@@ -464,7 +484,7 @@ def test_a_tuning_table_is_recognised_by_its_header(tmp_path: Path) -> None:
 
 def test_a_third_parameter_of_a_single_value_leaves_a_heat_map(tmp_path: Path) -> None:
     swept = {"a.speed_deg_s": [10.0, 20] * 2, "a.size_deg": [5.0, 5, 9, 9], "scene.seed": [7.0] * 4}
-    tuning = made(tmp_path, swept, {"opplod": [1.0, 2, 3, 4]}, preset="reference")
+    tuning = made(tmp_path, swept, {"opplod": [1.0, 2, 3, 4]}, **AT_240)
     for kind in (None, "heat"):
         figure, (panel, *_) = plot_tuning(tuning, kind)
         shares = np.asarray(panel.images[0].get_array(), float)
@@ -659,13 +679,15 @@ def test_one_condition_is_no_curve(values: dict[str, list[float]], tmp_path: Pat
         plot_tuning(tuning)
 
 
-def presets(folder: Path, values: dict[str, list[float]]) -> list[Tuning]:
-    """Two tables of OppLoD over the same values, of two presets."""
+def two_gains(folder: Path, values: dict[str, list[float]]) -> list[Tuning]:
+    """Two tables of OppLoD over the same values, of two gains."""
     tables = []
-    for preset in ("reference", "lplc2"):
+    for gain in (1, 2):
         stimulus = {"name": "x", "first": {"display": {"background": 0.5}}}
         peaks = {"opplod": [1.0, 2, 4, 4]}
-        tables.append(made(folder, values, peaks, stimulus=stimulus, preset=preset))
+        tables.append(
+            made(folder, values, peaks, stimulus=stimulus, parameters={"opplod": {"gain": gain}})
+        )
         tables[-1].rows["peak_before_contact_s"] = [0.03, 0.05, 0.09, 0.11]
         tables[-1].rows["size_at_peak_deg"] = [40.0, 40, 40, 180]
     return tables
@@ -682,7 +704,7 @@ def presets(folder: Path, values: dict[str, list[float]]) -> list[Tuning]:
     ],
 )
 def test_two_tables_of_one_detector_have_two_colours(tmp_path: Path, kind: str, key: str) -> None:
-    tables = presets(tmp_path, {key: [0.2, 0.4, 0.8, 1.0]})
+    tables = two_gains(tmp_path, {key: [0.2, 0.4, 0.8, 1.0]})
     _, axes = plot_tuning(tables, kind, published=False, lplc2="none")
     for panel in axes:
         marked = [line for line in panel.lines if line.get_marker() in MARKERS]
@@ -690,7 +712,7 @@ def test_two_tables_of_one_detector_have_two_colours(tmp_path: Path, kind: str, 
         assert list(colours) == list(CYCLE[:2])
     handles, labels = axes[0].get_legend_handles_labels()
     assert [getp(handle, "color") for handle in handles[:2]] == list(CYCLE[:2])
-    assert ["reference" in label for label in labels[:2]] == [True, False]
+    assert ["opplod.gain 1" in label for label in labels[:2]] == [True, False]
     _, axes = plot_tuning(tables[0], kind, published=False, lplc2="none")
     assert axes[0].lines[0].get_color() == detector_named("opplod").colour
 
@@ -700,7 +722,7 @@ def test_two_tables_of_one_detector_have_two_colours(tmp_path: Path, kind: str, 
     [("contact", "disk.growth.l_over_v_ms"), ("contrast", "disk.luminance"), ("line", "disk.a")],
 )
 def test_long_names_leave_room_for_the_curves(tmp_path: Path, kind: str, key: str) -> None:
-    tables = presets(tmp_path, {key: [0.2, 0.4, 0.8, 1.0]})
+    tables = two_gains(tmp_path, {key: [0.2, 0.4, 0.8, 1.0]})
     doubts = [{"model": "opplod", "note": "a reason why this curve means little"}] * 6
     for table in tables:
         table.sidecar["doubts"] = doubts
@@ -757,12 +779,12 @@ def test_a_detector_in_one_of_two_tables_keeps_its_colour() -> None:
 
 
 def test_the_axis_begins_at_zero_and_cuts_no_marker(tmp_path: Path) -> None:
-    tables = presets(tmp_path, {"disk.luminance": [0.2, 0.4, 0.8, 1.0]})
+    tables = two_gains(tmp_path, {"disk.luminance": [0.2, 0.4, 0.8, 1.0]})
     tables[0].rows["peak"] = [0.8, 0.9, 0.9, 1.0]
     for kind in ("contrast", "line"):
         _, (panel,) = plot_tuning(tables[0], kind)
         assert panel.get_ylim() == pytest.approx((0, 1.06))
-    l_over_v = presets(tmp_path, {"disk.growth.l_over_v_ms": [10.0, 20, 40, 50]})
+    l_over_v = two_gains(tmp_path, {"disk.growth.l_over_v_ms": [10.0, 20, 40, 50]})
     assert plot_tuning(l_over_v[0], "contact")[1][1].get_ylim() == (0, 190)
 
 
@@ -782,8 +804,8 @@ def test_a_rotated_scene_is_no_direction_of_motion(tmp_path: Path) -> None:
 def test_small_polar_plots_and_the_foot_have_letters_of_six_points(tmp_path: Path) -> None:
     values: dict[str, list[Any]] = {"bar.axis_deg": [0, 45, 90, 135]}
     peaks = {name: [1.0, 2, 3, 2] for name in list(detectors())[:8]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks, preset="paper"))
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks, **AT_240))
     figure, _ = plot_tuning(tuning, "polar")
     texts = [text for text in figure.findobj(Text) if text.get_text()]
-    assert any(text.get_text() == "preset paper" for text in texts)
+    assert any(text.get_text() == "240 px" for text in texts)
     assert min(text.get_fontsize() for text in texts) == 6
