@@ -67,8 +67,8 @@ _detectors: dict[str, type[Detector] | str] = {
     "opplod_reference": "models.opplod_reference:OpplodReference",
     "opplod_paper": "models.opplod_paper:OpplodPaper",
     "opplod_lplc2": "models.opplod_lplc2:OpplodLplc2",
-    "flow_divergence": "models.flow_divergence:FlowDivergence",
     "frame_difference": "models.frame_difference:FrameDifference",
+    "flow_divergence": "models.flow_divergence:FlowDivergence",
     "ttc_gradient": "models.ttc_gradient:TtcGradient",
     "area_growth": "models.area_growth:AreaGrowth",
     "lgmd1_group": "models.published.lgmd1_group:Lgmd1Group",
@@ -360,7 +360,8 @@ def names_of(text: str) -> tuple[str, ...]:
     names: dict[str, None] = {}
     for part in map(str.strip, text.split(",")):
         name, colon, version = part.partition(":")
-        if colon and (version in _GONE or f"{name}_{version}" in _detectors):
+        was_preset = version in _GONE or f"{name}_{version}" in _detectors
+        if colon and was_preset and name in {*_detectors, ALL}:
             raise preset_is_gone(version, name)
         names |= dict.fromkeys(_detectors if part == ALL else [detector_named(part).name])
     return tuple(names)

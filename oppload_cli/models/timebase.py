@@ -44,7 +44,7 @@ class TimeParams(Parameters):
 
     def _seconds(self) -> Fraction:
         try:
-            seconds = Fraction(self.interval or REFERENCE_INTERVAL)
+            seconds = Fraction(REFERENCE_INTERVAL if self.interval is None else self.interval)
         except (ValueError, ZeroDivisionError):
             seconds = Fraction(0)
         if not _SHORTEST_S <= seconds <= _LONGEST_S:
@@ -61,7 +61,7 @@ class TimeParams(Parameters):
 
     def of(self, interval: str) -> TimeParams:
         """Return the time base of a detector whose own one is `interval`."""
-        return self if self.interval else TimeParams(interval=interval)
+        return TimeParams(interval=interval) if self.interval is None else self
 
 
 class Clock:

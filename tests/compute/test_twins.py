@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from oppload_cli.compute import loops
-from oppload_cli.models import dlgmd, dpc, opposing_motion
+from oppload_cli.models import dlgmd, dpc, opplod_reference, units
 from oppload_cli.models.dpc import DpcParams, Kernels, PresynapticSums
-from oppload_cli.models.opposing_motion import cell_centres, offset_weights, pooling_weights
+from oppload_cli.models.opplod_reference import offset_weights
+from oppload_cli.models.units import cell_centres, pooling_weights
 from oppload_cli.motion import rmo
 from tests import reference
 from tests.arithmetic import many_bands
@@ -48,8 +49,8 @@ def plain(function: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
 @pytest.mark.parametrize(
     "compiled",
     [
-        *(dpc.presynaptic_sums, dlgmd.group, opposing_motion.pool),
-        *(opposing_motion.opponent_products, rmo.rmo_sums),
+        *(dpc.presynaptic_sums, dlgmd.group, units.pool),
+        *(opplod_reference.opponent_products, rmo.rmo_sums),
     ],
 )
 def test_a_twin_has_the_name_and_the_arguments_of_its_plain_function(
@@ -66,8 +67,8 @@ def photoreceptors(shape: tuple[int, int], seed: int) -> list[Map]:
     """P(t), P(t-1) and P(t-2): inhibition is weak, and part of the frame does not change."""
     rng = np.random.default_rng(seed)
     maps = [rng.random(shape, dtype=np.float32) * np.float32(k) for k in (1, 0.03, 0.02)]
-    for each in maps:
-        each[shape[0] // 3 : shape[0] // 2, : shape[1] // 2] = 0
+    for change in maps:
+        change[shape[0] // 3 : shape[0] // 2, : shape[1] // 2] = 0
     return maps
 
 
@@ -88,7 +89,7 @@ def test_presynaptic_sums(shape: tuple[int, int], radius: int) -> None:
             dpc.presynaptic_sums(p, kernels, out)
             plain(dpc.presynaptic_sums)(p, kernels, other)
             np.testing.assert_allclose(stacked(out), stacked(other), atol=1e-5)
-        wide = [np.asarray(each, np.float64) for each in p[::-1]]
+        wide = [np.asarray(change, np.float64) for change in p[::-1]]
         expected = [reference.presynaptic(wide, radius)]
         expected += [reference.pathway(wide, phi, radius) for phi in sorted(out.pathways)]
         np.testing.assert_allclose(stacked(out), expected, atol=1e-5)
@@ -120,7 +121,7 @@ def test_presynaptic_sums_where_excitation_and_inhibition_are_about_equal(
     inhibits = sides[empty] % 14 < 9 if empty in sides else np.ones(shape, bool)
     latest = rng.integers(0, 4, shape) + rng.integers(0, 2, shape) * columns // 2
     before = rng.integers(5, 10, shape) * inhibits
-    p = [(each / 219).astype(np.float32) for each in (latest, before, np.zeros(shape))]
+    p = [(change / 219).astype(np.float32) for change in (latest, before, np.zeros(shape))]
     kernels = Kernels.of(DpcParams(), axes)
     out, other = (PresynapticSums.zeros(shape, axes) for _ in "ab")
     dpc.presynaptic_sums(p, kernels, out)
@@ -164,7 +165,7 @@ def test_bands_and_threads_change_no_bit(
         means = dlgmd.group(out.presynaptic, 4, 0.1, 1.0, g)
         results.append((stacked(out).tobytes(), g.tobytes(), means))
     assert g.max() > 0
-    assert all(each == results[0] for each in results[1:])
+    assert all(result == results[0] for result in results[1:])
 
 
 # ---- Grouping, pooling and opponent products -----------------------------------------------
@@ -204,10 +205,8 @@ def test_pooling(shape: tuple[int, int], cell: int, sigma: float) -> None:
     down, across = (
         pooling_weights(length, cell_centres(length, cell), sigma * cell) for length in shape
     )
-    found = opposing_motion.pool(maps, down, across)
-    np.testing.assert_allclose(
-        found, plain(opposing_motion.pool)(maps, down, across), rtol=1e-5, atol=1e-7
-    )
+    found = units.pool(maps, down, across)
+    np.testing.assert_allclose(found, plain(units.pool)(maps, down, across), rtol=1e-5, atol=1e-7)
     for one, values in zip(found, maps, strict=True):
         np.testing.assert_allclose(one, reference.pooled(values, cell, sigma), atol=2e-6)
 
@@ -217,12 +216,12 @@ def test_opponent_products(axes: tuple[int, ...]) -> None:
     for shape, reach in (((1, 1), 3), ((5, 17), 6), ((9, 9), 2), ((4, 30), 0), ((2, 3), 9)):
         pooled = np.random.default_rng(axes).random((2 * len(axes), *shape), dtype=np.float32)
         weights = np.array([offset_weights(reach, axis, 0.7) for axis in axes])
-        found = opposing_motion.opponent_products(pooled, weights)
+        found = opplod_reference.opponent_products(pooled, weights)
         for n, axis in enumerate(axes):
             one, other = pooled[n], pooled[len(axes) + n]
             expected = reference.opponent_products(one, other, axis, reach, w_p=0.7)
             np.testing.assert_allclose(found[n], expected, atol=2e-5)
-        alike = plain(opposing_motion.opponent_products)(pooled, weights)
+        alike = plain(opplod_reference.opponent_products)(pooled, weights)
         np.testing.assert_allclose(found, alike, atol=1e-5)
 
 

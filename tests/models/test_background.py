@@ -7,19 +7,18 @@ from hypothesis import strategies as st
 
 from oppload_cli.models import timebase
 from oppload_cli.models.timebase import Background
+from oppload_cli.ticks import ticks
 
 pytestmark = pytest.mark.once
 
-# In eighths, so that sums and differences of times are exact.
 STEPS = st.lists(
     st.tuples(st.integers(0, 12), st.integers(0, 6).map(float)), min_size=1, max_size=80
 )
 
 
-def plain(times: list[float], values: list[float], reach: float, guard: float) -> float:
+def plain(times: list[int], values: list[float], reach: int, guard: int) -> float:
     """The median of the values before the last one that are older than the guard, within reach."""
     *before, now = times
-    guard += (now - before[-1]) / 4 if before else 0
     counted = sorted(
         value
         for time, value in zip(before, values, strict=False)
@@ -32,23 +31,20 @@ def plain(times: list[float], values: list[float], reach: float, guard: float) -
 @settings(max_examples=120)
 @given(steps=STEPS, reach=st.integers(1, 40), guard=st.integers(0, 20))
 def test_it_is_a_plain_median(steps: list[tuple[int, float]], reach: int, guard: int) -> None:
-    running = Background(reach / 8, guard / 8)
-    times = list(np.cumsum([step for step, _ in steps]) / 8)
+    running = Background(reach, guard)
+    times = np.cumsum([step for step, _ in steps]).tolist()
     values = [value for _, value in steps]
     for count, (time, value) in enumerate(zip(times, values, strict=True), start=1):
-        expected = plain(times[:count], values[:count], reach / 8, guard / 8)
-        assert running.step(value, time) == expected
+        assert running.step(value, time) == plain(times[:count], values[:count], reach, guard)
 
 
 @pytest.mark.parametrize("rate", [24, 25, 30, 60])
-def test_rounded_times_do_not_decide(rate: int) -> None:
-    """A guard that is a whole number of steps leaves out the same frames for any rounding."""
-    guard = 5 / rate
-    for rounding in (-0.001, 0.0, 0.001):
-        running = Background(10, guard)
-        times = [frame / rate + rounding * (frame % 2) for frame in range(8)]
-        found = [running.step(float(frame), time) for frame, time in enumerate(times)]
-        assert found == [0, 0, 0, 0, 0, 0, 0, 0.5]
+@pytest.mark.parametrize("start_s", [0.0, 12.345])
+def test_a_frame_as_old_as_the_guard_is_no_background(rate: int, start_s: float) -> None:
+    running = Background(ticks(10), ticks(5 / rate))
+    times = [ticks(start_s) + ticks(frame / rate) for frame in range(8)]
+    found = [running.step(float(frame), time) for frame, time in enumerate(times)]
+    assert found == [0, 0, 0, 0, 0, 0, 0, 0.5]
 
 
 def test_of_an_even_number_the_mean_of_both_in_the_middle() -> None:
@@ -58,12 +54,12 @@ def test_of_an_even_number_the_mean_of_both_in_the_middle() -> None:
     ]
 
 
-@pytest.mark.parametrize(("step", "guard"), [(0.0, 1.0), (1.0, 0.0), (1.0, 1e9)])
+@pytest.mark.parametrize(("step", "guard"), [(0, 1), (1, 0), (1, 10**9)])
 def test_what_it_remembers_is_bounded(
-    monkeypatch: pytest.MonkeyPatch, step: float, guard: float
+    monkeypatch: pytest.MonkeyPatch, step: int, guard: int
 ) -> None:
     monkeypatch.setattr(timebase, "_MOST_VALUES", 50)
-    running = Background(1e9, guard)
+    running = Background(10**9, guard)
     for count in range(500):
         running.step(float(count), count * step)
     assert len(running._waiting) <= 50

@@ -12,16 +12,20 @@ from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.errors import DetectorError, FrameError, ParameterError
 from oppload_cli.models import registry
 from oppload_cli.models.bank import DetectorBank
-from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
+from oppload_cli.models.detector import AlarmRule, Box, Column, Detector, Response, UnitMaps
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
 from oppload_cli.models.frame_difference import FrameDifferenceParams
-from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.opplod_parameters import OpplodResponse
+from oppload_cli.models.opplod import OpplodParams
+from oppload_cli.models.opplod_reference import (
+    OpplodReference,
+    OpplodReferenceParams,
+    OpplodReferenceResponse,
+)
 from oppload_cli.models.registry import detectors
+from oppload_cli.motion.flow import Flow
 from oppload_cli.schema import Parameters
 from tests.arithmetic import many_bands
 from tests.media import disk, looming
-from tests.presets import DEFAULT, REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +43,7 @@ def random_frames(count: int, shape: tuple[int, int]) -> list[Luma]:
 
 def test_the_bank_gives_p_and_its_mean() -> None:
     frames = looming(120, 60, 60, 4)
-    bank = DetectorBank((120, 120), [REFERENCE])
+    bank = DetectorBank((120, 120), [OpplodReferenceParams()])
     bank.step(frames[0])
     assert bank.luma_change is None
     assert not bank.photoreceptors.any()
@@ -51,7 +55,7 @@ def test_the_bank_gives_p_and_its_mean() -> None:
 
 def test_reset_starts_over() -> None:
     frames = looming(60, 30, 30, 6)
-    bank = DetectorBank((60, 60), [DEFAULT, DlgmdParams(), FrameDifferenceParams()])
+    bank = DetectorBank((60, 60), [OpplodParams(), DlgmdParams(), FrameDifferenceParams()])
     first = [bank.step(frame) for frame in frames]
     bank.reset()
     assert [bank.step(frame) for frame in frames] == first
@@ -69,9 +73,9 @@ def test_every_detector_refuses_an_array_that_is_no_frame(kind: type[Detector]) 
     wrong: list[Any] = [gap, gap[1:], frames[0].astype(np.float64), np.full_like(gap, -np.inf)]
     wrong += [None, gap.tolist()]
     for frame in frames:
-        for each in wrong:
+        for array in wrong:
             with pytest.raises(FrameError, match=r"float32 array of shape|not finite"):
-                model.step(each)
+                model.step(array)
         assert model.step(frame) == other.step(frame)
 
 
@@ -91,25 +95,26 @@ def test_the_number_of_threads_changes_no_bit() -> None:
     answers, maps = [], []
     for threads in (1, 2, 5):
         cv2.setNumThreads(threads)
-        bank = DetectorBank((90, 131), [REFERENCE, DlgmdParams()])
+        bank = DetectorBank((90, 131), [OpplodReferenceParams(), DlgmdParams()])
         answers.append([bank.step(frame) for frame in frames])
         opplod, dlgmd = bank.detectors.values()
-        assert isinstance(opplod, Opplod)
+        assert isinstance(opplod, OpplodReference)
         assert isinstance(dlgmd, Dlgmd)
-        pathways = b"".join(each.tobytes() for each in opplod.pathways.values())
+        pathways = b"".join(layer.tobytes() for layer in opplod.maps.values())
         maps.append((pathways, dlgmd.grouped.tobytes()))
     assert answers[0] == answers[1] == answers[2]
-    assert answers[0][-1]["opplod"] is not None
+    assert answers[0][-1]["opplod_reference"] is not None
     assert maps[0] == maps[1] == maps[2]
 
 
 @pytest.mark.once
 def test_a_bank_forgets_within_its_memory() -> None:
-    memory, params = 3, REFERENCE.replaced(receptive_field=40, cell=5, history=0)
+    memory = 3
+    params = OpplodReferenceParams(receptive_field=40, cell=5, history=0)
     # A frame of high contrast after faint frames is not completely inhibited.
     frames = [
-        each * np.float32(0.02 if t % memory else 1)
-        for t, each in enumerate(random_frames(20, (60, 80)))
+        frame * np.float32(0.02 if t % memory else 1)
+        for t, frame in enumerate(random_frames(20, (60, 80)))
     ]
     bank, fresh = (DetectorBank((60, 80), [DlgmdParams(), params]) for _ in "ab")
     for frame in frames:
@@ -119,14 +124,14 @@ def test_a_bank_forgets_within_its_memory() -> None:
         fresh.step(frame)
     answer = fresh.step(frames[memory])
     assert bank.step(frames[memory]) == answer
-    assert isinstance(answer["opplod"], OpplodResponse)
-    assert answer["opplod"].response > 0
+    assert isinstance(answer["opplod_reference"], OpplodReferenceResponse)
+    assert answer["opplod_reference"].response > 0
 
 
 def test_the_answer_at_rest_is_that_to_a_repeated_frame() -> None:
-    params = [REFERENCE, DlgmdParams(), FrameDifferenceParams()]
+    params = [OpplodReferenceParams(), DlgmdParams(), FrameDifferenceParams()]
     bank = DetectorBank((60, 60), params)
-    none = {"opplod": None, "dlgmd": None, "frame_difference": None}
+    none = {"opplod_reference": None, "dlgmd": None, "frame_difference": None}
     assert bank.at_rest(0) == none
     for frames in range(6):
         answers = bank.step(np.full((60, 60), 0.5, np.float32))
@@ -219,7 +224,7 @@ def test_numbers_of_numpy_become_those_of_python(monkeypatch: pytest.MonkeyPatch
     assert answer == WithShare(3, Box(0.5, 2, 1, 2), 2)
     assert isinstance(answer, WithShare)
     assert answer.box is not None
-    kinds = [type(each) for each in (answer.response, answer.share, *answer.box)]
+    kinds = [type(number) for number in (answer.response, answer.share, *answer.box)]
     assert kinds == [int, float, float, float, float, float]
 
 
@@ -257,9 +262,9 @@ def test_an_answer_that_is_no_number_is_refused(
     "units",
     [
         5,
-        UnitMaps([[1.0]], {}, np.ones(1), np.ones(1), 9),  # type: ignore[arg-type]
-        UnitMaps(np.ones((2, 1), np.float32), {}, np.ones(1), np.ones(2), 9),
-        UnitMaps(np.full((1, 1), np.nan, np.float32), {}, np.ones(1), np.ones(1), 9),
+        UnitMaps([[1.0]], np.ones(1), np.ones(1), 9),  # type: ignore[arg-type]
+        UnitMaps(np.ones((2, 1), np.float32), np.ones(1), np.ones(2), 9),
+        UnitMaps(np.full((1, 1), np.nan, np.float32), np.ones(1), np.ones(1), 9),
     ],
 )
 def test_units_that_are_none_are_refused(units: object, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -272,7 +277,7 @@ def test_units_that_are_none_are_refused(units: object, monkeypatch: pytest.Monk
 class _Failing(Loose):
     name = "failing"
     parameters = Parameters
-    alarm_floors: ClassVar = {"default": 0.0}
+    alarm: ClassVar = AlarmRule(0.0)
 
     def step(self, luma: Luma) -> Response | None:
         luma -= luma.mean()
@@ -304,7 +309,7 @@ def test_each_member_that_fails_is_named(
 
     failing = property(fail) if member == "units" else fail
     monkeypatch.setattr(Loose, "answer", Response(1.0))
-    monkeypatch.setattr(Loose, "interpolated", "earlier")
+    monkeypatch.setattr(Loose, "interpolates", True)
     monkeypatch.setattr(Loose, member, failing, raising=False)
     registry.register(Loose)
     bank = DetectorBank((9, 9), [LooseParams()])
@@ -333,13 +338,6 @@ def test_a_detector_that_cannot_be_made_is_named() -> None:
         DetectorBank((9, 9), [_Unmakable.parameters()])
 
 
-def test_a_detector_with_unknown_pictures_in_between_is_named() -> None:
-    kind = again(interpolated=True)
-    registry.register(kind)
-    with pytest.raises(DetectorError, match=r"'again': .* is True; return one of earlier, none"):
-        DetectorBank((9, 9), [kind.parameters()])
-
-
 def again(**others: object) -> type[Detector]:
     """Return a new class of the same name, as a notebook's cell defines it when it runs again."""
     fields = {"__qualname__": "Again", "name": "again", "parameters": Parameters, **others}
@@ -348,9 +346,9 @@ def again(**others: object) -> type[Detector]:
 
 def test_a_class_defined_again_takes_the_place_of_the_one_before() -> None:
     for label, least in (("one", 0.5), ("two", 0.9)):
-        registry.register(again(label=label, alarm_floors={"default": least}))
-        floor = registry.detector_named("again").alarm_floors["default"]
-        assert type(alarm_params())().floor_of("again") == floor
+        registry.register(again(label=label, alarm=AlarmRule(least)))
+        assert alarm_params().rule_of("again").floor == least
+        assert type(alarm_params())().rule_of("again").floor == least
     assert registry.detector_named("again").label == "two"
     with pytest.raises(ParameterError, match="its name is taken"):
         registry.register(again(__qualname__="Other"))
@@ -361,7 +359,7 @@ def test_a_class_defined_again_takes_the_place_of_the_one_before() -> None:
     [
         (Loose((9, 9)), "is no detector: register a class that extends Detector"),
         (again(step=Detector.step), "it lacks step; define it"),
-        (again(alarm_floors={"reference": 1.0}), "its alarm_floors need a floor of 'default'"),
+        (again(alarm=AlarmRule(None)), "its alarm has no floor; say why in why_none"),
         (again(columns=("a", "b")), "its columns must be a tuple of Column"),
         (again(details=Column("a", "", "b")), "its details must be a tuple of Column"),
     ],
@@ -392,3 +390,53 @@ def test_a_time_that_is_not_finite_is_refused(time_s: float) -> None:
     for t in range(4):
         response = bank.step(frame, t / 30)["dlgmd"]
     assert response is not None
+
+
+class _Paired(Loose):
+    """A detector that says what it got."""
+
+    name = "paired"
+    parameters = Parameters
+
+    def step(self, luma: Luma) -> Response:
+        assert luma.shape == self.shape
+        return Response(float(luma.mean()), Box(0, 0, *luma.shape[::-1]))
+
+
+def test_a_detector_may_have_frames_of_another_size() -> None:
+    """The others, P and its mean do not change."""
+    registry.register(_Paired)
+    shapes = {"paired": (12, 16)}
+    small, large = looming(12, 6, 6, 6), looming(60, 30, 30, 6)
+    bank = DetectorBank((60, 60), [DlgmdParams(), _Paired.parameters()], shapes=shapes)
+    other = DetectorBank((60, 60), [DlgmdParams()])
+    assert {name: model.shape for name, model in bank.detectors.items()} == {
+        "dlgmd": (60, 60),
+        "paired": (12, 16),
+    }
+    for t, (frame, luma) in enumerate(zip(large, small, strict=True)):
+        wide = np.pad(luma, ((0, 0), (2, 2)))
+        bank.see(frame, t / 30)
+        found = bank.respond({(60, 60): frame, (12, 16): wide}, t / 30)
+        assert found["paired"] == Response(float(wide.mean()), Box(0, 0, 16, 12))
+        assert {"dlgmd": found["dlgmd"]} == other.step(frame, t / 30)
+        assert bank.luma_change == other.luma_change
+        assert bank.photoreceptors.shape == (60, 60)
+
+
+def test_detectors_share_layers_only_at_one_size_and_time_base() -> None:
+    """The frames of opplod_paper are counted, also if its frames are as large as the others."""
+    names = ["opplod", "opplod_reference", "opplod_paper", "opplod_lplc2", "dlgmd"]
+    params = [registry.parameters_of(name) for name in names]
+    bank = DetectorBank((60, 80), params, 30, shapes={"opplod_lplc2": (30, 40)})
+    layers = {name: bank.detectors[name].layers for name in names}
+    assert layers["opplod"] is layers["opplod_reference"] is layers["dlgmd"]
+    assert len({id(one) for one in layers.values()}) == 3
+    assert layers["opplod_paper"].shape == (60, 80)
+    assert layers["opplod_lplc2"].shape == (30, 40)
+    flow = Flow(np.ones((30, 40, 2), np.float32), np.ones((30, 40), np.float32), 2, 1 / 30)
+    bank.give(flow)
+    assert layers["opplod"].flow().of(np.zeros((60, 80), np.float32), 0) is flow
+    halved = layers["opplod_lplc2"].flow().of(np.zeros((30, 40), np.float32), 0)
+    assert halved is not None
+    assert (halved.side, halved.passed_s, float(halved.vectors.max())) == (1, 1 / 30, 0.5)

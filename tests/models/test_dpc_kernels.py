@@ -12,7 +12,9 @@ from oppload_cli.models.dpc import (
     inhibition_kernels,
     latency,
 )
-from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.models.opplod_lplc2 import OpplodLplc2Params
+from oppload_cli.models.opplod_paper import OpplodPaperParams
+from oppload_cli.models.opplod_reference import OpplodReferenceParams
 from tests import reference
 
 PARAMS = DpcParams()
@@ -76,6 +78,10 @@ def test_the_kernels_of_a_layer_keep_every_value() -> None:
     np.testing.assert_array_equal(kernels.odd_masks[135] + 0.5, direction_mask(PARAMS, 135))
 
 
-def test_the_constants_of_a_detector_are_the_dpc_constants_alone() -> None:
-    assert OpplodParams().dpc() == DlgmdParams().dpc() == DpcParams()
+@pytest.mark.parametrize(
+    "kind", [DlgmdParams, OpplodReferenceParams, OpplodPaperParams, OpplodLplc2Params]
+)
+def test_the_constants_of_a_detector_are_the_dpc_constants_alone(kind: type[DpcParams]) -> None:
+    assert kind().dpc() == DpcParams()
+    assert kind(kernel_radius=9).dpc() == DpcParams(kernel_radius=9)
     assert DlgmdParams(kernel_radius=9, group_size=2).dpc() == DpcParams(kernel_radius=9)

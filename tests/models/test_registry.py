@@ -1,4 +1,4 @@
-"""The detectors and presets by name, and how a wrong detector is refused."""
+"""The detectors by name, and how a wrong detector is refused."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ import pytest
 from oppload_cli.errors import ParameterError
 from oppload_cli.models import registry
 from oppload_cli.models.columns import COMMON, RMO, columns_of
-from oppload_cli.models.detector import Column, Detector, Response, inner
+from oppload_cli.models.detector import AlarmRule, Column, Detector, Response, inner
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams
 from oppload_cli.models.dpc import DpcParams
-from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.opplod_parameters import OpplodParams
-from oppload_cli.models.presets import PRESETS, VARIANTS, preset_in, preset_named
-from oppload_cli.models.published.lgmd1_group import Lgmd1GroupPaperParams
+from oppload_cli.models.opplod import Opplod, OpplodParams
+from oppload_cli.models.opplod_reference import OpplodReference
 from oppload_cli.pipeline.settings import _TOP_READERS, parameter_sets
 from oppload_cli.schema import Parameters, parameter
 
@@ -26,7 +24,8 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.usefixtures("same_detectors_after")
 
 NAMES = [
-    *("opplod", "dlgmd", "frame_difference", "flow_divergence", "ttc_gradient", "area_growth"),
+    *("opplod", "dlgmd", "opplod_reference", "opplod_paper", "opplod_lplc2"),
+    *("frame_difference", "flow_divergence", "ttc_gradient", "area_growth"),
     *("lgmd1_group", "lgmd1_group_paper", "lgmd1_single", "lgmd1_single_paper", "lgmd1_onoff"),
     *("lgmd2", "lgmd_plus", "plgmd", "lgmd_contrast", "ci_lmd"),
     *("emd_lplc2_gf", "zhou_lrf", "mlplc2", "hua_fixed", "hua_literal"),
@@ -65,14 +64,14 @@ def test_the_detectors_in_their_order() -> None:
     assert list(registry.detectors()) == NAMES
     assert registry.default_names() == ("opplod", "dlgmd")
     assert registry.detector_named("dlgmd") is Dlgmd
-    assert len({each.colour for each in registry.detectors().values()}) == len(NAMES)
+    assert len({kind.colour for kind in registry.detectors().values()}) == len(NAMES)
 
 
 def test_a_detector_that_is_loaded_when_it_is_asked_for_is_valid() -> None:
-    for name, each in registry.detectors().items():
-        assert each.name == name
-        assert registry.register(each) is each
-        assert each.by_default == (name in {"opplod", "dlgmd"})
+    for name, kind in registry.detectors().items():
+        assert kind.name == name
+        assert registry.register(kind) is kind
+        assert kind.by_default == (name in {"opplod", "dlgmd"})
 
 
 def test_inner_values_are_columns_unless_a_detector_gives_others() -> None:
@@ -91,7 +90,7 @@ def test_inner_values_are_columns_unless_a_detector_gives_others() -> None:
 
     assert Inner(1.0).up == 0.5
     assert Default.details == Variant.details == (Column("up", "px", "a value inside"),)
-    assert ([each.name for each in Chosen.details], Other.details) == (["left"], ())
+    assert ([column.name for column in Chosen.details], Other.details) == (["left"], ())
 
 
 def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
@@ -101,30 +100,64 @@ def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
 
 def test_the_names_that_a_user_may_write() -> None:
     assert registry.names_of("lgmd2, opplod,lgmd2") == ("lgmd2", "opplod")
-    clashing = [
-        f"{each.variant_of}:{name.removeprefix(f'{each.variant_of}_')}"
-        for name, each in registry.detectors().items()
-        if each.variant_of
-    ]
-    assert sorted(VARIANTS) == sorted(one for one in clashing if one.partition(":")[2] in PRESETS)
-    assert preset_in(["opplod, lgmd1_group:paper"]) == ""
-    assert preset_in(["opplod:reference,lgmd1_group:paper"]) == "reference"
-    both = registry.names_of("lgmd1_group:literal,lgmd1_group:paper")
-    assert both == ("lgmd1_group", "lgmd1_group_paper")
-    assert registry.parameters_of("lgmd1_group_paper") == Lgmd1GroupPaperParams()
-    assert registry.names_of("lgmd1_single_paper") == ("lgmd1_single_paper",)
-    variants = {"lgmd1_group_paper", "lgmd1_single_paper"}
-    assert registry.names_of("all") == tuple(name for name in NAMES if name not in variants)
-    with pytest.raises(ParameterError, match="has no variant 'old': it has literal and paper"):
-        registry.names_of("lgmd1_group:old")
-    for name in ("opplod:defualt", "all:defualt"):
-        with pytest.raises(ParameterError, match="no preset 'defualt'; did you mean 'default'"):
-            registry.names_of(name)
-    assert registry.names_of("opplod:paper") == ("opplod",)  # a preset
-    assert registry.names_of("all:paper") == registry.names_of("all")
-    assert preset_in(["all:paper"]) == "paper"
+    assert registry.names_of("all") == tuple(NAMES)
+    assert registry.names_of("opplod_paper,all")[:2] == ("opplod_paper", "opplod")
     with pytest.raises(ParameterError, match="no model 'lgmd3'; did you mean"):
-        registry.names_of("lgmd2,lgmd3:paper")
+        registry.names_of("lgmd2,lgmd3")
+
+
+@pytest.mark.parametrize(
+    ("name", "instead"),
+    [
+        ("opplod:default", "opplod"),
+        ("opplod:reference", "opplod_reference"),
+        ("opplod:paper", "opplod_paper"),
+        ("opplod:lplc2", "opplod_lplc2"),
+        ("lgmd1_group:paper", "lgmd1_group_paper"),
+        ("lgmd1_single:paper", "lgmd1_single_paper"),
+        ("dlgmd:reference", "dlgmd"),
+    ],
+)
+def test_a_preset_is_refused_with_the_detector_that_took_its_place(name: str, instead: str) -> None:
+    preset = name.partition(":")[2]
+    said = (
+        f"presets are models of their own since 1.0: in place of '{preset}' write --model "
+        rf"{instead} \(in Python models=\['{instead}'\]\)$"
+    )
+    for text in (name, f"lgmd2, {name}"):
+        with pytest.raises(ParameterError, match=said):
+            registry.names_of(text)
+
+
+def test_a_preset_that_never_was_is_no_detector() -> None:
+    with pytest.raises(ParameterError, match="no model 'opplod:papr'; did you mean 'opplod_paper"):
+        registry.names_of("opplod:papr")
+    with pytest.raises(ParameterError, match="no model 'lgmd3:paper'"):
+        registry.names_of("lgmd3:paper")
+
+
+def test_the_rules_and_heights_of_the_versions_of_opplod() -> None:
+    kinds = [registry.detector_named(name) for name in NAMES if name.startswith("opplod")]
+    assert {kind.name: (kind.height, kind.interval, kind.alarm[:4]) for kind in kinds} == {
+        "opplod": (240, "1/30", (0.09, 0.0, 0.0, 0.0)),
+        "opplod_reference": (240, "1/30", (8e-4, 30.0, 0.03, 0.09)),
+        "opplod_paper": (600, "frame", (None, 8.0, 0.0, 0.0)),
+        "opplod_lplc2": (240, "1/30", (None, 8.0, 0.0, 0.0)),
+    }
+    assert {kind.name: kind.least_object for kind in kinds} == {
+        "opplod": (0.02, 0.2),
+        "opplod_reference": (1e-6, 0.01),
+        "opplod_paper": (1e-6, 0.01),
+        "opplod_lplc2": (1e-3, 0.01),
+    }
+    assert [bool(kind.alarm.why_none) for kind in kinds] == [False, False, True, True]
+    assert registry.other_heights(NAMES) == (600,)
+    assert registry.other_heights(["opplod", "dlgmd"]) == ()
+
+
+def test_the_least_response_that_means_something() -> None:
+    assert registry.least_response_of("opplod") == 0.09
+    assert registry.least_response_of("opplod_lplc2") == 1e-3  # without an alarm: of an object
 
 
 def test_the_detector_of_some_parameters() -> None:
@@ -139,33 +172,16 @@ def test_the_first_detector_with_places() -> None:
     assert registry.placing_detector(["dlgmd"]) is None
 
 
-def test_presets_by_name() -> None:
-    assert list(PRESETS) == ["default", "reference", "paper", "lplc2"]
-    assert preset_named("default").height == 240
-    with pytest.raises(ParameterError, match=r"'robust' is called 'default' since 1\.0"):
-        preset_named("robust")
-    with pytest.raises(ParameterError, match="no preset 'papr'; did you mean 'paper'"):
-        preset_named("papr")
-
-
-def test_the_parameters_and_floors_of_a_preset() -> None:
-    assert registry.parameters_of("opplod") == OpplodParams()
-    assert registry.parameters_of("opplod", "reference") == Opplod.presets["reference"]
-    assert registry.parameters_of("dlgmd", "reference") == DlgmdParams()
-    assert registry.alarm_floor_of("opplod") == registry.alarm_floor_of("opplod", "paper") == 0.09
-    assert registry.alarm_floor_of("opplod", "reference") == 8e-4
-    with pytest.raises(ParameterError, match="no preset 'papr'"):
-        registry.parameters_of("dlgmd", "papr")
-
-
 def test_a_registered_detector_is_known_everywhere() -> None:
     assert registry.register(Other) is Other
     assert list(registry.detectors()) == [*NAMES, "other"]
     assert registry.default_names() == ("opplod", "dlgmd")
     assert registry.detector_of(OtherParams()) is Other
-    assert registry.alarm_floor_of("other", "reference") == 0
+    assert registry.detector_named("other").alarm.floor == 0
     names = [column.name for column in columns_of(registry.detector_named("other"))]
-    assert names == ["other_response", "other_alarm", "other_left", "other_y_left"]
+    assert names == [
+        f"other_{name}" for name in ("response", "threshold", "alarm", "left", "y_left")
+    ]
     registry.register(Other)  # once more, as when a module is loaded twice
     assert list(registry.detectors()) == [*NAMES, "other"]
     registry.forget("other")
@@ -195,7 +211,7 @@ def test_a_subclass_of_a_detector_without_parameters_has_its_own() -> None:
             registry.forget(name)
 
 
-def test_a_detector_that_extends_another_has_its_presets_and_does_not_run_by_default() -> None:
+def test_a_detector_that_extends_another_has_its_rules_and_does_not_run_by_default() -> None:
     @dataclass(frozen=True, kw_only=True)
     class TwiceParams(OpplodParams):
         times: float = parameter(2.0, "factor", low=0)
@@ -204,18 +220,18 @@ def test_a_detector_that_extends_another_has_its_presets_and_does_not_run_by_def
         name, label, colour, parameters = "twice", "Twice", "#123456", TwiceParams
 
     registry.register(Twice)
-    try:
-        assert registry.default_names() == ("opplod", "dlgmd")
-        for preset in PRESETS:
-            params = registry.parameters_of("twice", preset)
-            assert registry.detector_of(params) is Twice
-            of_opplod = registry.parameters_of("opplod", preset).as_dict()
-            assert params.as_dict() == {**of_opplod, "times": 2.0}
-    finally:
-        registry.forget("twice")
+    assert registry.default_names() == ("opplod", "dlgmd")
+    params = registry.parameters_of("twice")
+    assert registry.detector_of(params) is Twice
+    assert params.as_dict() == {**OpplodParams().as_dict(), "times": 2.0}
+    assert (Twice.alarm, Twice.height, Twice.interpolates) == (Opplod.alarm, 240, True)
+    assert issubclass(Opplod, OpplodReference)
+    assert not OpplodReference.by_default
 
 
-@pytest.mark.parametrize("column", [each.name for each in (*COMMON, *RMO) if "_" in each.name])
+@pytest.mark.parametrize(
+    "column", [column.name for column in (*COMMON, *RMO) if "_" in column.name]
+)
 def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> None:
     name, own = column.split("_", 1)
     odd = type("Odd", (Other,), {"name": name, "columns": (Column(own, "", "taken"),)})
@@ -242,8 +258,16 @@ def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> Non
         ({"unit": None}, "its unit must be a text, not None"),
         ({"cost_ms": "fast"}, "its cost_ms must be a number or None, not 'fast'"),
         ({"warm_up": 1.5}, "its warm_up must be a whole number, not 1.5"),
-        ({"alarm_floors": 0.5}, "its alarm_floors must be floors by the names of presets, not 0.5"),
-        ({"alarm_floors": {"default": "1"}}, "its alarm_floors must be numbers of at least 0"),
+        ({"alarm": 0.5}, "its alarm must be an AlarmRule, not 0.5"),
+        ({"alarm": AlarmRule(-1)}, "its alarm must have numbers of at least 0, not AlarmRule(fl"),
+        ({"alarm": AlarmRule(1, factor=-1)}, "its alarm must have numbers of at least 0"),
+        ({"alarm": AlarmRule(None)}, "its alarm has no floor; say why in why_none"),
+        ({"height": 0}, "its working height must be a whole number of 1 to 8192 pixels, not 0"),
+        ({"height": 8193}, "must be a whole number of 1 to 8192 pixels, not 8193"),
+        ({"height": 120.5}, "must be a whole number of 1 to 8192 pixels, not 120.5"),
+        ({"interval": 0.04}, "its interval must be a text, not 0.04"),
+        ({"interval": "soon"}, "parameter 'interval' of time must be 'frame', or"),
+        ({"interpolates": "yes"}, "its interpolates must be True or False, not 'yes'"),
         ({"colour": "#12345"}, "its colour must be written as #RRGGBB"),
         ({"label": ""}, "it needs a label and a meaning"),
         ({"meaning": ""}, "it needs a label and a meaning"),
@@ -271,9 +295,6 @@ def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> Non
         ),
         ({"parameters": DlgmdParams}, "set 'parameters' to a class that extends DlgmdParams"),
         ({"places": "yes"}, "its places must be True or False, not 'yes'"),
-        ({"alarm_floors": {"default": 1, "papr": 1}}, "no preset 'papr'; did you mean 'paper'?"),
-        ({"presets": {"papr": OtherParams()}}, "no preset 'papr'; did you mean 'paper'?"),
-        ({"presets": {"paper": DlgmdParams()}}, "its presets must be of the class of its parame"),
     ],
 )
 def test_a_wrong_detector_is_refused_with_its_name_and_the_reason(

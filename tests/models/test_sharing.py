@@ -16,10 +16,11 @@ from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.flow_divergence import FlowDivergenceParams
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.layers import Layers
+from oppload_cli.models.opplod import OpplodParams
+from oppload_cli.models.opplod_reference import OpplodReferenceParams
 from oppload_cli.models.registry import detector_of
 from oppload_cli.motion.flow import DenseFlow
 from tests.media import looming
-from tests.presets import DEFAULT, REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +32,8 @@ pytestmark = pytest.mark.once
 
 SHAPE = (120, 120)
 FRAMES = looming(120, 60, 60, 12)
-OPPLOD, DLGMD, DIFFERENCE = REFERENCE, DlgmdParams(), FrameDifferenceParams()
+OPPLOD, REFERENCE = OpplodParams(), OpplodReferenceParams()
+DLGMD, DIFFERENCE = DlgmdParams(), FrameDifferenceParams()
 FLOW = FlowDivergenceParams()
 OTHER_SIGMA = DlgmdParams(sigma_inhibition=4.0)
 
@@ -67,13 +69,14 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     [
         ([DIFFERENCE], 11, 0, 0),
         ([DLGMD], 11, 9, 0),
-        ([OPPLOD, DLGMD, DIFFERENCE], 11, 9, 0),
-        ([DLGMD, DIFFERENCE, OPPLOD], 11, 18, 0),  # the first one asks for no pathways
-        ([OPPLOD, OTHER_SIGMA], 11, 18, 0),
-        ([DEFAULT], 11, 9, 12),
-        ([DEFAULT, DLGMD, DIFFERENCE], 11, 9, 12),
-        ([DEFAULT, FLOW], 11, 9, 12),
-        ([FLOW, DEFAULT], 11, 9, 12),
+        ([REFERENCE, DLGMD, DIFFERENCE], 11, 9, 0),
+        ([DLGMD, DIFFERENCE, REFERENCE], 11, 18, 0),  # the first one asks for no pathways
+        ([REFERENCE, OTHER_SIGMA], 11, 18, 0),
+        ([OPPLOD], 11, 9, 12),
+        ([OPPLOD, DLGMD, DIFFERENCE], 11, 9, 12),
+        ([OPPLOD, FLOW], 11, 9, 12),
+        ([FLOW, OPPLOD], 11, 9, 12),
+        ([OPPLOD, REFERENCE, DLGMD], 11, 9, 12),
     ],
 )
 def test_equal_layers_are_computed_once(
@@ -92,18 +95,19 @@ def test_equal_layers_are_computed_once(
 @pytest.mark.parametrize(
     "params",
     [
-        [OPPLOD, DLGMD, DIFFERENCE],
-        [DLGMD, OPPLOD],
-        [OPPLOD, OTHER_SIGMA],
-        [DIFFERENCE, DEFAULT, DLGMD],
-        [FLOW, DEFAULT],
+        [REFERENCE, DLGMD, DIFFERENCE],
+        [DLGMD, REFERENCE],
+        [OPPLOD, REFERENCE],
+        [REFERENCE, OTHER_SIGMA],
+        [DIFFERENCE, OPPLOD, DLGMD],
+        [FLOW, OPPLOD],
         [REFERENCE.replaced(axes=0), DLGMD],
     ],
 )
 def test_sharing_changes_no_answer(params: list[Parameters]) -> None:
     bank = DetectorBank(SHAPE, params)
     alone: dict[str, Detector] = {
-        detector_of(each).name: detector_of(each)(SHAPE, each) for each in params
+        detector_of(chosen).name: detector_of(chosen)(SHAPE, chosen) for chosen in params
     }
     peaks: Counter[str] = Counter()
     for frame in FRAMES:
@@ -111,7 +115,7 @@ def test_sharing_changes_no_answer(params: list[Parameters]) -> None:
         assert together == {name: detector.step(frame) for name, detector in alone.items()}
         for name, answer in together.items():
             peaks[name] = max(peaks[name], bool(answer and answer.response))
-    assert list(together) == [detector_of(each).name for each in params]
+    assert list(together) == [detector_of(chosen).name for chosen in params]
     assert set(peaks.values()) == {1}
 
 
@@ -121,7 +125,7 @@ def test_detectors_with_other_axes_have_layers_of_their_own(calls: Counter[str])
         layers.dpc(DpcParams(), (45, 135)),
         layers.dpc(DpcParams(), (0, 90)),
         layers.dpc(DpcParams()),  # S is the same with any axes
-        layers.dpc(OPPLOD, (0, 90)),  # only its DPC constants matter
+        layers.dpc(REFERENCE, (0, 90)),  # only its DPC constants matter
     ]
     assert holds[0].layer is not holds[1].layer
     assert holds[2].layer is holds[0].layer
@@ -132,7 +136,7 @@ def test_detectors_with_other_axes_have_layers_of_their_own(calls: Counter[str])
 
 
 def test_a_refused_frame_is_refused_once_and_changes_no_answer() -> None:
-    params = [DEFAULT, DLGMD, DIFFERENCE]
+    params = [OPPLOD, DLGMD, DIFFERENCE]
     bank, other = DetectorBank(SHAPE, params), DetectorBank(SHAPE, params)
     answers: list[dict[str, Response | None]] = []
     for frame in FRAMES:
@@ -143,4 +147,4 @@ def test_a_refused_frame_is_refused_once_and_changes_no_answer() -> None:
         answers.append(bank.step(frame))
         assert answers[-1] == other.step(frame)
         assert bank.luma_change == other.luma_change
-    assert any(each["opplod"] and each["opplod"].response for each in answers)
+    assert any(found["opplod"] and found["opplod"].response for found in answers)
