@@ -17,7 +17,7 @@ import pandas as pd
 from oppload_cli.errors import OutputError, ParameterError, StimulusError, counted
 from oppload_cli.files.atomic import part_of, write_atomic
 from oppload_cli.files.reading import is_file, path_of
-from oppload_cli.files.tables import Table
+from oppload_cli.files.tables import Seconds, Table
 from oppload_cli.pipeline.execute import analyse_source
 from oppload_cli.pipeline.settings import check_assignments, resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
@@ -88,7 +88,7 @@ class Result(result_files.BaseResult):
     >>> result
     Result('controls/looming-perspective', 102 frames, opplod: 1 alarm, dlgmd: 1 alarm)
     >>> result.frames.columns[:5].tolist()
-    ['frame', 'time_s', 'luma_change', 'opplod_response', 'opplod_alarm']
+    ['frame', 'time_s', 'luma_change', 'opplod_response', 'opplod_threshold']
     >>> bool(result.summary["dlgmd"]["alarm_frames"] == result.frames["dlgmd_alarm"].sum())
     True
     """
@@ -243,7 +243,7 @@ class Result(result_files.BaseResult):
         with table as file:
             rows = Table(file.stream, self.frames.columns)
             for row in _rows_of(self.frames):
-                rows.write(row)
+                rows.write(row | {"time_s": Seconds(row["time_s"])})
             file.stream.flush()
             outputs.remove_earlier()  # the new table gets its name last, as in a run
             if truth:
@@ -379,7 +379,7 @@ def tune(
     --------
     >>> import oppload_cli as oppload
     >>> over = {"l/v": [40, 80]}
-    >>> tuning = oppload.tune("klapoetke2017/loom-l-over-v", over, models=["opplod"])
+    >>> tuning = oppload.tune("klapoetke2017/loom-l-over-v", over, models=["opplod_reference"])
     >>> tuning.rows[["disk.growth.l_over_v_ms", "peak_before_contact_s"]].round(2).values.tolist()
     [[40.0, 0.13], [80.0, 0.23]]
     """

@@ -50,10 +50,10 @@ class OpploadError(Exception):
     --------
     >>> import oppload_cli as oppload
     >>> try:
-    ...     oppload.run("controls/looming-perspective", preset="lgmd")
+    ...     oppload.run("controls/looming-perspective", models=["lgmd"])
     ... except oppload.OpploadError as error:
     ...     print(str(error).partition(";")[0])
-    no preset 'lgmd'
+    no model 'lgmd'
     """
 
     exit_code: ClassVar[ExitCode] = ExitCode.USAGE

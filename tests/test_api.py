@@ -26,18 +26,19 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 FRAMES = [(frame * 255).round().astype(np.uint8) for frame in looming(120, 60, 60, 14)]
-NATIVE: dict[str, Any] = {"height": "native", "preset": "reference"}
+REFERENCE = ["opplod_reference", "dlgmd"]
+NATIVE: dict[str, Any] = {"height": "native"}
 
 
 @pytest.mark.long
 def test_a_result_has_the_files_of_the_command_line(tmp_path: Path) -> None:
     video = write_video(tmp_path / "loom.avi", FRAMES)
     told = inside.oppload(
-        "run", video, "-o", tmp_path / "cli", "-q", "--preset", "reference",
+        "run", video, "-o", tmp_path / "cli", "-q", "--model", ",".join(REFERENCE),
         "--height", "native",
     )  # fmt: skip
     assert told.returncode == 0
-    result = oppload.run(video, **NATIVE)
+    result = oppload.run(video, models=REFERENCE, **NATIVE)
     assert result.save(tmp_path / "api") == tmp_path / "api" / "loom.frames.csv"
     for name in ("loom.frames.csv", "loom.detections.jsonl"):
         assert (tmp_path / "api" / name).read_bytes() == (tmp_path / "cli" / name).read_bytes()
@@ -46,7 +47,7 @@ def test_a_result_has_the_files_of_the_command_line(tmp_path: Path) -> None:
         for folder in ("api", "cli")
     )
     assert own.keys() == other.keys()
-    for key in ("schema", "preset", "models", "parameters", "input", "working", "summary"):
+    for key in ("schema", "models", "height", "parameters", "input", "working", "summary"):
         assert own[key] == other[key]
     again = oppload.read_result(tmp_path / "cli" / "loom.frames.csv")
     assert repr(again) == repr(result).replace("array", "loom")
@@ -168,7 +169,7 @@ def test_a_video_in_slow_motion_has_the_times_of_its_true_rate(tmp_path: Path) -
 @pytest.mark.long
 def test_a_stimulus_may_be_named_and_keeps_its_truth(tmp_path: Path) -> None:
     protocol = oppload.stimulus.load("klapoetke2017/loom-l-over-v/l-over-v-10")
-    options: dict[str, Any] = {"models": ["dlgmd"], "rmo": False, "preset": "reference"}
+    options: dict[str, Any] = {"models": ["dlgmd"], "rmo": False}
     result = oppload.run(protocol, **options)
     named = oppload.run(protocol.name, **options)
     pd.testing.assert_frame_equal(result.frames, named.frames)
@@ -197,7 +198,7 @@ def test_the_truth_goes_with_a_result_that_is_saved_again(tmp_path: Path) -> Non
 
 def test_a_result_that_cannot_be_saved_completely_has_no_table(tmp_path: Path) -> None:
     protocol = oppload.stimulus.load("klapoetke2017/loom-l-over-v/l-over-v-10")
-    result = oppload.run(protocol, models=["dlgmd"], rmo=False, preset="reference", height=24)
+    result = oppload.run(protocol, models=["dlgmd"], rmo=False, height=24)
     truth = tmp_path / "a.stimulus.json"
     truth.write_text("mine")
     with pytest.raises(OutputError, match=r"a\.stimulus\.json: exists already"):
@@ -221,18 +222,18 @@ def test_a_result_that_cannot_be_saved_completely_has_no_table(tmp_path: Path) -
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_the_alarm_is_that_of_the_preset() -> None:
-    def floors(**options: Any) -> set[float]:
+def test_each_detector_has_its_own_alarm() -> None:
+    def floors(**options: Any) -> dict[str, float]:
         records = oppload.analyse(np.stack(FRAMES), rate=30, rmo=False, height="native", **options)
-        return {record.thresholds["opplod"] for record in list(records)[3:5]}
+        record = list(records)[4]
+        return {name: said.threshold for name, said in record.detectors.items()}
 
-    reference = oppload.alarm_params("reference").floor_of("opplod")
-    assert reference != oppload.alarm_params("default").floor_of("opplod")
-    parameters = [oppload.parameters_of("opplod", "reference")]
-    assert floors(preset="reference") == {reference}
-    assert floors(models=parameters) == {reference}  # the preset that they belong to
-    assert reference not in floors(models=parameters, preset="default")
-    assert reference not in floors()
+    own = {"opplod": 0.09, "opplod_reference": 0.0008, "dlgmd": 0.01}
+    assert floors(models=list(own)) == own
+    assert floors(models=[oppload.parameters_of(name) for name in own]) == own
+    assert floors() == {"opplod": 0.09, "dlgmd": 0.01}
+    without = floors(models=["opplod_paper", "opplod_lplc2"])
+    assert without == dict.fromkeys(("opplod_paper", "opplod_lplc2"), np.inf)
 
 
 @pytest.mark.long
@@ -298,23 +299,23 @@ def test_open_sources_and_an_analysis_describe_themselves(tmp_path: Path) -> Non
     with oppload.open_source(Path("controls/size-steps")) as frames:
         assert repr(frames).startswith("StimulusVideo('controls/size-steps', 360 x 360 at ")
     analysis = oppload.Analysis((60, 80), [oppload.parameters_of("dlgmd")])
-    size = "80 x 60, seen at 320 x 240, preset default, dlgmd"
+    size = "80 x 60, seen at 320 x 240, dlgmd"
     assert repr(analysis) == f"Analysis({size}; 0 frames so far)"
     analysis.step(np.zeros((60, 80)), 0.0)
     assert repr(analysis) == f"Analysis({size}; 1 frame so far)"
 
 
 def test_the_layers_of_a_model() -> None:
-    params = oppload.parameters_of("opplod", "reference")
-    assert isinstance(params, oppload.OpplodParams)
-    opplod, dlgmd = oppload.Opplod((120, 120), params), oppload.Dlgmd((120, 120))
+    params = oppload.parameters_of("opplod_reference")
+    assert isinstance(params, oppload.OpplodReferenceParams)
+    opplod, dlgmd = oppload.OpplodReference((120, 120), params), oppload.Dlgmd((120, 120))
     for frame in looming(120, 60, 60, 6):
         opplod.step(frame)
         dlgmd.step(frame)
     maps = opplod.maps
     assert list(maps) == ["P", "E", "I", "S", "S_45", "S_135", "S_225", "S_315"]
     np.testing.assert_allclose(maps["S"], np.maximum(maps["E"] - maps["I"], 0), atol=1e-5)
-    np.testing.assert_array_equal(maps["S_45"], opplod.pathways[45])
+    assert all((maps[name] >= maps["S"] - 1e-6).all() for name in list(maps)[4:])
     assert dlgmd.maps["G"] is dlgmd.grouped
     assert oppload.FrameDifference((9, 9)).maps == {}
 
@@ -351,11 +352,14 @@ def test_the_layers_of_a_model() -> None:
         ("size-steps", {}, SourceError, "did you mean the stimulus 'controls/size-steps'"),
         ("controls/size-steps", {"height": 0}, ParameterError, "height must be"),
         ("a\0b", {}, SourceError, "no such file"),
-        ("controls/size-steps", {"preset": "lgmd"}, ParameterError, "no preset 'lgmd'"),
-        ("controls/size-steps", {"preset": 3}, ParameterError, "no preset '3'; choose"),
-        ("controls/size-steps", {"preset": ["paper"]}, ParameterError, "did you mean 'paper'"),
-        ("controls/size-steps", {"preset": []}, ParameterError, r"no preset '\[\]'; choose"),
-        ("controls/size-steps", {"preset": ""}, ParameterError, "no preset ''; choose"),
+        ("controls/size-steps", {"models": "lgmd"}, ParameterError, "no model 'lgmd'"),
+        ("controls/size-steps", {"models": ["paper"]}, ParameterError, "no model 'paper'"),
+        (
+            "controls/size-steps",
+            {"models": "opplod:paper"},
+            ParameterError,
+            r"in place of 'paper' write .* \(in Python models=\['opplod_paper'\]\)",
+        ),
         ("controls/size-steps", {"height": 60.0}, ParameterError, "a whole number of pixels from"),
         ("controls/size-steps", {"models": ["lgmd"]}, ParameterError, "no model 'lgmd'"),
         ("controls/size-steps", {"models": [oppload.Opplod]}, ParameterError, "list of names"),
@@ -500,8 +504,6 @@ def test_a_path_is_a_name_or_a_path(wrong: Any) -> None:
 def test_a_name_that_is_no_text_is_an_unknown_name(wrong: Any) -> None:
     uses: list[tuple[Callable[[Any], object], str]] = [
         (oppload.parameters_of, "no model '"),
-        (oppload.alarm_params, "no preset '"),
-        (lambda name: oppload.parameters_of("opplod", name), "no preset '"),
         (
             lambda name: oppload.stimulus.write(
                 oppload.stimulus.load("controls/size-steps"), Path(), form=name
@@ -509,8 +511,6 @@ def test_a_name_that_is_no_text_is_an_unknown_name(wrong: Any) -> None:
             "no video format '",
         ),
     ]
-    if wrong is not None:
-        uses.append((lambda name: oppload.Analysis((60, 80), preset=name), "no preset '"))
     for use, said in uses:
         with pytest.raises((ParameterError, StimulusError), match=said):
             use(wrong)
@@ -554,13 +554,13 @@ def test_a_setting_may_be_an_array_of_one_number() -> None:
 
 def test_a_record_knows_the_detectors_that_ran() -> None:
     record = oppload.Analysis((60, 80), ["opplod"]).step(np.zeros((60, 80)), 0)
-    assert record.over_threshold("opplod") is None  # warm-up
+    assert record["opplod"].over_threshold is None  # warm-up
     wrong: Any
     names = np.array(["opplod", "dlgmd"])
     others: list[Any] = ["dlgmd", [], names]
     for wrong, hint in (("oplod", "did you mean"), *((each, "choose") for each in others)):
         with pytest.raises(ParameterError, match=f"has no response in .*; {hint} '?opplod"):
-            record.over_threshold(wrong)
+            record[wrong].over_threshold
 
 
 def test_a_result_shows_that_its_input_is_doubtful(tmp_path: Path) -> None:
@@ -596,16 +596,23 @@ def test_settings_reach_the_detectors() -> None:
     assert repr(result) == "Result('array', 14 frames, opplod, dlgmd, alarms are off)"
 
 
-def test_a_model_may_bring_its_preset() -> None:
-    frames = np.zeros((3, 9, 9), np.uint8)
-    result = oppload.run(frames, models="opplod:reference", rate=30, rmo=False, height=9)
-    assert result.sidecar["preset"] == "reference"
-    with pytest.raises(ParameterError, match="asks for preset 'paper', but the preset is 'lplc2'"):
-        oppload.run(frames, "lplc2", models="opplod:paper", rate=30)
+def test_versions_of_opplod_run_side_by_side_at_their_heights() -> None:
+    names = ["opplod", "opplod_reference", "opplod_paper", "opplod_lplc2"]
+    together = oppload.run(np.stack(FRAMES), models=names, rate=30, rmo=False)
+    assert together.models == tuple(names)
+    assert together.sidecar["working"]["height"] == 240
+    for name in names:
+        alone = oppload.run(np.stack(FRAMES), models=[name], rate=30, rmo=False)
+        for column in (f"{name}_response", f"{name}_alarm"):
+            pd.testing.assert_series_equal(together.frames[column], alone.frames[column])
+        assert together.summary[name]["peak"] > 0
+    native = oppload.run(np.stack(FRAMES), models=["opplod_paper"], rate=30, rmo=False, height=600)
+    paper = "opplod_paper_response"
+    pd.testing.assert_series_equal(native.frames[paper], together.frames[paper])
 
 
 def test_detections_have_the_same_types_whatever_was_found(tmp_path: Path) -> None:
-    options: dict[str, Any] = {"rate": 30, "rmo": False, **NATIVE}
+    options: dict[str, Any] = {"rate": 30, "rmo": False, "models": REFERENCE, **NATIVE}
     nothing = oppload.run(np.full((8, 60, 80), 128, np.uint8), **options).detections
     assert nothing.empty
     path = oppload.run(np.stack(FRAMES), **options).save(tmp_path, "a")
@@ -623,7 +630,8 @@ def test_detections_have_the_same_types_whatever_was_found(tmp_path: Path) -> No
 
 
 def test_damaged_detections_are_named(tmp_path: Path) -> None:
-    path = oppload.run(np.stack(FRAMES), rate=30, rmo=False, **NATIVE).save(tmp_path, "a")
+    options: dict[str, Any] = {"rate": 30, "rmo": False, "models": REFERENCE, **NATIVE}
+    path = oppload.run(np.stack(FRAMES), **options).save(tmp_path, "a")
     lines = path.with_name("a.detections.jsonl")
     whole = lines.read_text()
     for damaged in ('{"frame": ', "5", "null", "[1, 2]", '{"frame": 8}'):
@@ -642,7 +650,8 @@ def test_damaged_detections_are_named(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
 def test_a_pipe_in_the_place_of_detections_is_told(tmp_path: Path) -> None:
-    path = oppload.run(np.stack(FRAMES), rate=30, rmo=False, **NATIVE).save(tmp_path, "a")
+    options: dict[str, Any] = {"rate": 30, "rmo": False, "models": REFERENCE, **NATIVE}
+    path = oppload.run(np.stack(FRAMES), **options).save(tmp_path, "a")
     lines = path.with_name("a.detections.jsonl")
     lines.unlink()
     os.mkfifo(lines)
@@ -669,11 +678,15 @@ def test_a_tuning_has_the_files_of_the_command_line(
 ) -> None:
     told = inside.oppload(
         "tune", stimulus, *options, "-o", tmp_path / "cli", "-q", "--plot", "none",
-        "--change", "timing.before_s=0.1", "--set", "opplod.periphery=0.5", "--jobs", "1",
+        "--change", "timing.before_s=0.1", "--set", "opplod_reference.periphery=0.5",
+        "--jobs", "1",
     )  # fmt: skip
     assert told.returncode == 0
     tuning = oppload.tune(
-        stimulus, over, changes={"timing.before_s": 0.1}, settings={"opplod.periphery": 0.5}
+        stimulus,
+        over,
+        changes={"timing.before_s": 0.1},
+        settings={"opplod_reference.periphery": 0.5},
     )
     table = tuning.save(tmp_path / "api")
     assert table.read_bytes() == (tmp_path / "cli" / table.name).read_bytes()
@@ -682,7 +695,7 @@ def test_a_tuning_has_the_files_of_the_command_line(
         for folder in ("api", "cli")
     )
     assert own == of_command | {"command": []}
-    assert own["summary"]["opplod"]["largest_peak"] > 0
+    assert own["summary"]["opplod_reference"]["largest_peak"] > 0
     again = oppload.read_tuning(table)
     pd.testing.assert_frame_equal(again.rows, tuning.rows)
     assert (again.parameters, again.name) == (tuning.parameters, tuning.name)

@@ -13,15 +13,15 @@ EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "docs" / "examples").gl
 SAID = {
     "array_in": "alarm at ",
     "batch_to_table": "controls/looming-perspective",
-    "maps_at_the_peak": "peak 0.3227",  # that of `oppload run --preset reference`
+    "maps_at_the_peak": "peak 0.3227",  # that of `oppload run --model opplod_reference`
     "own_axes": "",
     "response_over_l_over_v": "     200  ",
     "stimulus_in": "s before contact",
-    "two_presets": "reference ",
-    "unit_positions": "paper: 5 x 5 units",
+    "two_versions": "opplod_reference ",
+    "unit_positions": "opplod_paper: 5 x 5 units",
 }
-FIGURES = {"own_axes": "own-axes.png", "two_presets": "two-presets.png"}
-SLOW = {"batch_to_table", "response_over_l_over_v", "two_presets"}  # runs of several stimuli
+FIGURES = {"own_axes": "own-axes.png", "two_versions": "two-versions.png"}
+SLOW = {"batch_to_table", "response_over_l_over_v", "two_versions"}  # runs of several stimuli
 
 
 @pytest.mark.long

@@ -16,7 +16,7 @@ from tests.cli.process import loaded
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-NAMES = [name for name in oppload_cli.__all__ if name not in {"__version__", "PRESETS"}]
+NAMES = [name for name in oppload_cli.__all__ if name != "__version__"]
 
 
 def examples_of(thing: Any, name: str) -> list[doctest.DocTest]:

@@ -1,11 +1,11 @@
-"""The layers of OppLoD, and the responses of its units, at the peak of the response."""
+"""The layers of OppLoD's reference, and the responses of its units, at the peak."""
 
 import oppload_cli as oppload
 
 best, layers, units = 0.0, {}, None
-with oppload.open_source("controls/looming-perspective", preset="reference") as frames:
-    params = oppload.parameters_of("opplod", "reference")
-    model = oppload.Opplod(frames.working.shape, params, frame_rate=frames.facts.frame_rate)
+with oppload.open_source("controls/looming-perspective") as frames:
+    rate = frames.facts.frame_rate
+    model = oppload.OpplodReference(frames.working.shape, frame_rate=rate)
     for frame in frames:
         if (response := model.step(frame.luma)) and response.response > best:
             best, units = response.response, model.units.responses.copy()

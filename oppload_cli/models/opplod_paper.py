@@ -174,7 +174,7 @@ class OpplodPaper(Detector):
 
     name = "opplod_paper"
     label = "OppLoD paper"
-    colour = "#3DAD00"
+    colour = "#5CC200"
     evaluated = False  # if no version of OppLoD is chosen, two are evaluated
     year = 2023
     reference = "Shuang et al., OppLoD, arXiv:2302.10284"

@@ -229,8 +229,13 @@ def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
     dashes in turn, so that no two of up to 28 curves look alike.
     """
     if len(set(detectors)) == len(detectors):
-        ordered = known_names()
-        numbers = [ordered.index(name) if len(detectors) > 1 else 0 for name in detectors]
+        # Any two of OppLoD and its three versions, and of opplod, dlgmd and the first baselines,
+        # have other dashes: so the versions are counted backwards, apart from the others.
+        versions = sorted(name for name in known_names() if name.startswith("opplod_"))
+        others = [name for name in known_names() if name not in versions]
+        ordered = {name: number for number, name in enumerate(others)}
+        ordered |= {name: number - len(versions) for number, name in enumerate(versions)}
+        numbers = [ordered[name] if len(detectors) > 1 else 0 for name in detectors]
         colours = [detector_named(name).colour for name in detectors]
     else:
         numbers = list(range(len(detectors)))

@@ -440,7 +440,7 @@ def test_a_map_without_a_sidecar_says_so(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_the_threshold_that_a_table_states_is_drawn(tmp_path: Path) -> None:
     """It is that of the run: what the table has no row for belongs to its background too."""
-    stated = [{**row, "opplod_threshold": "1"} for row in frame_rows()]
+    stated = [{**row, "opplod_threshold": "0.5"} for row in frame_rows()]
     figures = []
     for rows in (frame_rows(), stated):
         done = oppload("plot", write_rows(tmp_path / "a.frames.csv", rows), "--model", "opplod")

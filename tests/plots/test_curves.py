@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.results.result_files import BaseResult
 
-FLOORS = {"opplod_floor": 0.25, "dlgmd_floor": 1.0, "factor": 0}  # thresholds that do not move
+FLOOR = 0.25  # OppLoD's threshold in every row of `frame_rows`
 
 
 @pytest.fixture
@@ -41,10 +41,7 @@ def result(tmp_path: Path) -> BaseResult:
 
 
 def result_in(folder: Path, name: str = "clip", frames: int = 40, peak: int = 30) -> BaseResult:
-    path = write_result(folder / f"{name}.frames.csv", frames, peak)
-    sidecar = {"parameters": {"alarm": FLOORS}}
-    path.with_name(f"{name}.oppload.json").write_text(json.dumps(sidecar))
-    return read_result(path)
+    return read_result(write_result(folder / f"{name}.frames.csv", frames, peak))
 
 
 def several(folder: Path, count: int) -> list[BaseResult]:
@@ -99,8 +96,7 @@ def test_a_threshold_that_moves_and_uneven_times(tmp_path: Path) -> None:
     for at, row in enumerate(rows):
         row["time_s"] = f"{at / 20 + (at > 35):.9g}"  # a gap of a second
         row["opplod_response"] = {10: "0.4", 30: "0.8"}.get(at, "0.1") if at >= 3 else ""
-        multiple = float(row["opplod_response"] or 0) / (0.2 if at < 20 else 0.5)
-        row["opplod_over_threshold"] = f"{multiple:.9g}" if multiple else ""
+        row["opplod_threshold"] = "0.2" if at < 20 else "0.5"
     path = write_rows(tmp_path / "a.frames.csv", rows)
     _, (panel,) = plot_curves(read_result(path), models=["opplod"])
     assert labels(panel)[0] == "OppLoD, 2 times threshold at 0.5 s (frame 10)"
@@ -110,8 +106,8 @@ def test_a_threshold_that_moves_and_uneven_times(tmp_path: Path) -> None:
     _, (panel,) = plot_curves(read_result(path), models=["opplod"], scale="peak")
     assert labels(panel)[0] == "OppLoD, peak 0.8 at 1.5 s (frame 30)"
     assert curve(panel, 1)[3:] == pytest.approx([0.25] * 17 + [0.625] * 20)  # the dotted line
-    for row in rows[3:]:
-        row["opplod_over_threshold"] = f"{float(row['opplod_over_threshold']) / 10:.9g}"
+    for row in rows:
+        row["opplod_threshold"] = str(10 * float(row["opplod_threshold"]))
     write_rows(path, rows)
     _, (panel,) = plot_curves(read_result(path), models=["opplod"], scale="peak")
     assert "threshold of OppLoD above the panel: 2.5 times the\npeak or more" in labels(panel)
@@ -147,13 +143,12 @@ def test_alarms_of_two_detectors_are_bars_whose_colours_do_not_mix(tmp_path: Pat
 def test_a_peak_that_did_not_count_is_explained(
     peak_blind: dict[str, str], reason: str, tmp_path: Path
 ) -> None:
-    rows = [row | {"opplod_alarm": "0", "dlgmd_alarm": "0"} for row in frame_rows()]
+    names = ("opplod", "dlgmd")
+    silent = {f"{name}_alarm": "0" for name in names}
+    low = {f"{name}_threshold": "1e-6" for name in names}
+    rows = [row | silent | low for row in frame_rows()]
     path = write_rows(tmp_path / "cut.frames.csv", rows)
-    floors = dict.fromkeys(("opplod_floor", "dlgmd_floor"), 1e-6)
-    sidecar = {
-        "parameters": {"alarm": {"factor": 0, **floors}},
-        "alarms": {name: {"peak_blind": blind} for name, blind in peak_blind.items()},
-    }
+    sidecar = {"alarms": {name: {"peak_blind": blind} for name, blind in peak_blind.items()}}
     path.with_name("cut.oppload.json").write_text(json.dumps(sidecar))
     _, (panel,) = plot_curves(read_result(path), models=list(peak_blind))
     note = labels(panel)[len(peak_blind)].replace("\n", " ")
@@ -199,9 +194,8 @@ def test_a_peak_below_the_threshold_is_not_rounded_to_it(
 ) -> None:
     rows = frame_rows()
     for row in rows[3:]:
-        row["opplod_response"] = str(0.25 * multiple * float(row["opplod_response"]))
+        row["opplod_response"] = str(FLOOR * multiple * float(row["opplod_response"]))
     path = write_rows(tmp_path / "near.frames.csv", rows)
-    path.with_name("near.oppload.json").write_text(json.dumps({"parameters": {"alarm": FLOORS}}))
     _, (panel,) = plot_curves(read_result(path), models=["opplod"])
     assert labels(panel)[0] == f"OppLoD, {said} times threshold at 1.5 s (frame 30)"
 
@@ -283,6 +277,7 @@ def rows_of_eight() -> list[dict[str, str]]:
     for row in rows:
         for name in EIGHT:
             row[f"{name}_response"], row[f"{name}_alarm"] = row["opplod_response"], "0"
+            row[f"{name}_threshold"] = str(FLOOR)
     return rows
 
 
@@ -299,11 +294,12 @@ def test_many_detectors_of_one_input_have_a_panel_each(tmp_path: Path) -> None:
 def test_a_detector_without_a_threshold_has_a_panel_over_its_peak(tmp_path: Path) -> None:
     rows = rows_of_eight()
     for row in rows:
-        del row[f"{EIGHT[-1]}_alarm"]
+        del row[f"{EIGHT[-1]}_alarm"], row[f"{EIGHT[-1]}_threshold"]
     result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
     figure, axes = plot_curves(result, models=EIGHT)
     assert [panel.get_yscale() for panel in axes] == ["log"] * 7 + ["linear"]
-    assert axes[-1].get_title("left").endswith(", divided by its\npeak: no threshold")
+    title = axes[-1].get_title("left").replace("\n", " ")
+    assert title.endswith(", divided by its peak: no threshold")
     assert np.nanmax(curve(axes[-1], 0)) == 1
     assert figure.get_supylabel() == "response / alarm threshold"
 
@@ -645,27 +641,19 @@ def test_no_response_is_a_flat_line(tmp_path: Path, scale: str, level: float) ->
 
 
 def test_without_an_alarm_there_is_no_threshold(tmp_path: Path) -> None:
-    rows = [{k: v for k, v in row.items() if not k.endswith("alarm")} for row in frame_rows()]
+    judged = ("_threshold", "_alarm")
+    rows = [{k: v for k, v in row.items() if not k.endswith(judged)} for row in frame_rows()]
     _, (panel,) = plot_curves(read_result(write_rows(tmp_path / "a.frames.csv", rows)))
     assert panel.get_ylabel() == "response / peak"
     assert labels(panel)[-1] == "divided by the peak: no alarm threshold"
 
 
-def test_the_parameters_of_the_alarm_come_from_the_sidecar(tmp_path: Path) -> None:
-    path = write_result(tmp_path / "clip.frames.csv")
+def test_the_threshold_is_that_of_the_table(tmp_path: Path) -> None:
     for floor in (0.25, 0.5):
-        sidecar = {"parameters": {"alarm": {"opplod_floor": floor, "factor": 0}}}
-        path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
+        rows = [row | {"opplod_threshold": str(floor)} for row in frame_rows()]
+        path = write_rows(tmp_path / "clip.frames.csv", rows)
         _, (panel,) = plot_curves(read_result(path), models=["opplod"])
         assert np.nanmax(curve(panel, 0)) == pytest.approx(1 / floor)
-    wrong = {"parameters": {"alarm": {"factor": -1}}}
-    path.with_name("clip.oppload.json").write_text(json.dumps(wrong))
-    with pytest.raises(ResultError, match="wrong parameters of the alarm"):
-        plot_curves(read_result(path))
-    older = {"schema": "oppload.result/1", "parameters": {"alarm": {"enough": 3}}}
-    path.with_name("clip.oppload.json").write_text(json.dumps(older))
-    with pytest.raises(ResultError, match=r"is of schema oppload\.result/1"):
-        plot_curves(read_result(path))
 
 
 @pytest.mark.long
@@ -696,10 +684,9 @@ def test_the_legend_says_where_a_dotted_line_is_above_the_panel(tmp_path: Path) 
     rows = frame_rows()
     for at, row in enumerate(rows):
         row["opplod_response"] = "0.1" if at < 20 else "0.9"
+        # The threshold rises to 3 times the earlier responses, above the panel.
+        row["opplod_threshold"] = "0.3" if at < 32 else "2.7"
     path = write_rows(tmp_path / "a.frames.csv", rows)
-    # The threshold rises to 3 times the earlier responses, above the panel.
-    alarm = {"opplod_floor": 0.25, "factor": 3.0, "background_s": 1.0, "guard_s": 0.1}
-    path.with_name("a.oppload.json").write_text(json.dumps({"parameters": {"alarm": alarm}}))
     _, (panel,) = plot_curves(read_result(path), models=["opplod"], scale="raw")
     assert "dotted: threshold of the alarm" in labels(panel)
     assert "no dotted line: threshold above the panel" in labels(panel)
@@ -716,17 +703,13 @@ def test_a_threshold_below_the_largest_curve_of_the_panel_is_drawn(tmp_path: Pat
         rows = frame_rows()
         for row in rows[3:]:
             row["opplod_response"] = f"{float(row['opplod_response']) * share:.9g}"
-        path = write_rows(tmp_path / f"{name}.frames.csv", rows)
-        sidecar = {"parameters": {"alarm": FLOORS}}
-        path.with_name(f"{name}.oppload.json").write_text(json.dumps(sidecar))
-        results.append(read_result(path))
+        results.append(read_result(write_rows(tmp_path / f"{name}.frames.csv", rows)))
     _, (panel,) = plot_curves(results, scale="raw", models=["opplod"])
-    floor = FLOORS["opplod_floor"]
     dotted = [line for line in panel.lines if line.get_drawstyle() == "steps-mid"]
-    assert [np.nanmin(line.get_ydata()) for line in dotted] == pytest.approx([floor] * 3)
+    assert [np.nanmin(line.get_ydata()) for line in dotted] == pytest.approx([FLOOR] * 3)
     assert not [label for label in labels(panel) if "above the panel" in label]
     _, (panel,) = plot_curves(results[1:], scale="raw", models=["opplod"])
-    over = f"{floor / 1e-3:.4g}"
+    over = f"{FLOOR / 1e-3:.4g}"
     notes = [label.replace("\n", " ") for label in labels(panel) if "above" in label]
     assert notes == [
         f"threshold of weak above the panel: {over} times the peak or more",
@@ -740,6 +723,7 @@ def test_the_notes_of_small_multiples_are_inside_the_figure(tmp_path: Path) -> N
     for row in rows:
         for number, name in enumerate(EIGHT):
             row[f"{name}_response"], row[f"{name}_alarm"] = f"{1e6 * (number > 3)}", "0"
+            row[f"{name}_threshold"] = str(FLOOR)
     rows[20]["opplod_alarm"] = "1"
     result = read_result(write_rows(tmp_path / "a.frames.csv", rows))
     figure, panels = plot_curves(result, scale="raw")

@@ -92,6 +92,7 @@ def test_a_detector_has_the_same_look_in_every_figure_of_several() -> None:
     [
         ["opplod", "dlgmd", "frame_difference"],
         ["opplod", "dlgmd", "opplod_reference", "opplod_paper"],
+        ["opplod", "opplod_reference", "opplod_paper", "opplod_lplc2"],
         ["dlgmd"] * 4,
     ],
 )

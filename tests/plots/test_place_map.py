@@ -107,10 +107,9 @@ def test_the_title_says_how_strong_the_peak_is_and_whether_there_is_an_object(
     rows = frame_rows()
     for row in rows[3:]:
         row.update(dict.fromkeys(("opplod_x", "opplod_y", "opplod_width", "opplod_height"), ""))
-    path = write_rows(tmp_path / "clip.frames.csv", rows)
-    for floor, ratio in ((20, "0.05"), (0.008, "125")):
-        alarm = {"parameters": {"alarm": {"opplod_floor": floor, "factor": 0}}}
-        path.with_name("clip.oppload.json").write_text(json.dumps(alarm))
+    for threshold, ratio in (("20", "0.05"), ("0.008", "125")):
+        stated = [{**row, "opplod_threshold": threshold} for row in rows]
+        path = write_rows(tmp_path / "clip.frames.csv", stated)
         panel = plot_places(read_result(path))[1][0]
         assert panel.get_title("left").split("\n")[1:] == [
             "OppLoD, peak in frame 30; no looming object",

@@ -66,10 +66,12 @@ def write_numbered_result(folder: Path, stem: str = "clip", video: str | None = 
         alarm = any(first <= frame <= last for first, last in ALARMS)
         row = {
             "frame": frame, "time_s": f"{TIMES_MS[frame] / 1000:.9g}", "luma_change": 0.1,
-            "opplod_response": 0.5 if alarm else 0.002, "opplod_alarm": int(alarm),
+            "opplod_response": 0.5 if alarm else 0.002, "opplod_threshold": 0.05,
+            "opplod_alarm": int(alarm),
             "opplod_x": 10, "opplod_y": 20, "opplod_width": 40, "opplod_height": 30,
             "dlgmd_response": "" if frame == FIRST else 0.001 * frame,
-            "dlgmd_alarm": 0, "dlgmd_s": 0.1, "rmo_mean": 0.5, "rmo_index": 0.25,
+            "dlgmd_threshold": 0.1, "dlgmd_alarm": 0, "dlgmd_s": 0.1,
+            "rmo_mean": 0.5, "rmo_index": 0.25,
         }  # fmt: skip
         rows.append({name: str(value) for name, value in row.items()})
     table = write_rows(folder / f"{stem}.frames.csv", rows)
@@ -86,13 +88,12 @@ def write_numbered_result(folder: Path, stem: str = "clip", video: str | None = 
 
 def sidecar_of(clip: Path) -> dict[str, Any]:
     """What `oppload run` says of the clip, as far as a page uses it."""
-    alarm = {"factor": 0.0, "opplod_floor": 0.05, "dlgmd_floor": 0.1}
     return {
         "schema": SCHEMA,
         "tool": {"oppload": __version__},
         "command": ["oppload", "run", clip.name],
-        "preset": "reference",
-        "parameters": {"alarm": alarm},
+        "models": ["opplod", "dlgmd"],
+        "parameters": {"alarm": {"factor": 0.0, "opplod_floor": 0.05, "dlgmd_floor": 0.1}},
         "input": {
             "name": str(clip),
             "kind": "container",

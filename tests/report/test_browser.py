@@ -326,7 +326,9 @@ def index(folder: Path) -> Path:
     tables = [write_numbered_result(many, stem) for stem in ("b", "a", "c")]
     lines = tables[0].read_text().splitlines()
     # no alarm in b, and a shorter c
-    tables[0].write_text("\n".join(line.replace(",0.5,1,", ",0.002,0,") for line in lines) + "\n")
+    tables[0].write_text(
+        "\n".join(line.replace(",0.5,0.05,1,", ",0.002,0.05,0,") for line in lines) + "\n"
+    )
     tables[2].write_text("\n".join(lines[:8]) + "\n")
     return write_report(tables, folder / "report", videos=many).first
 
@@ -387,7 +389,8 @@ def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
         table = write_numbered_result(tmp_path, stem, video="clip.mkv")
         content = sidecar_of(tmp_path / "clip.mkv")
         content["input"]["name"] = f"{tmp_path}/{len(tables)}/{HOSTILE}"
-        content["preset"] = content["command"][2] = HOSTILE
+        content["models"] = [HOSTILE]
+        content["command"][2] = HOSTILE
         content["decode"] = {"complete": False, "messages": [HOSTILE]}
         write_sidecar(table, content)
         tables.append(table)

@@ -103,20 +103,21 @@ def test_without_detections_the_boxes_are_those_of_the_table(table: Path) -> Non
 
 def test_a_detector_without_an_alarm_is_drawn_over_its_peak(table: Path) -> None:
     lines = [line.split(",") for line in table.read_text().splitlines()]
-    at = lines[0].index("dlgmd_alarm")
-    table.write_text("".join(",".join(cells[:at] + cells[at + 1 :]) + "\n" for cells in lines))
+    at = lines[0].index("dlgmd_threshold")
+    assert lines[0][at + 1] == "dlgmd_alarm"
+    table.write_text("".join(",".join(cells[:at] + cells[at + 2 :]) + "\n" for cells in lines))
     content = Content.of(read_result(table))
     assert [curve.thresholded for curve in content.curves] == [True, False]
     assert content.curves[1].peak == 1
     assert "no alarm of D-LGMD" in content.notes[0]
-    table.write_text(table.read_text().replace(",0.5,1,", ",0.03,1,"))
+    table.write_text(table.read_text().replace(",0.5,0.05,1,", ",0.03,0.05,1,"))
     content = Content.of(read_result(table))
     assert content.strongest.name == "opplod"
     assert content.strongest.peak == pytest.approx(0.6)
 
 
 def test_a_response_just_below_the_threshold_is_not_rounded_to_it(table: Path) -> None:
-    table.write_text(table.read_text().replace(",0.5,1,", ",0.0499999,0,"))
+    table.write_text(table.read_text().replace(",0.5,0.05,1,", ",0.0499999,0.05,0,"))
     content = Content.of(read_result(table))
     assert content.strongest.peak == pytest.approx(0.999998, abs=1e-7)
     assert max(content.data()["curves"][0]["values"]) == 0.9999
@@ -124,7 +125,7 @@ def test_a_response_just_below_the_threshold_is_not_rounded_to_it(table: Path) -
 
 def test_alarms_that_are_off_are_not_called_silent(table: Path) -> None:
     lines = [line.split(",") for line in table.read_text().splitlines()]
-    kept = [at for at, name in enumerate(lines[0]) if not name.endswith("_alarm")]
+    kept = [at for at, name in enumerate(lines[0]) if not name.endswith(("_threshold", "_alarm"))]
     table.write_text("".join(",".join(cells[at] for at in kept) + "\n" for cells in lines))
     index = write_report([table, table], table.parent).first.read_text()
     assert index.count('<span class="none">off</span>') == 2
@@ -136,7 +137,7 @@ def test_alarms_that_are_off_are_not_called_silent(table: Path) -> None:
 
 
 def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Path) -> None:
-    table.write_text(table.read_text().replace(",0.5,1,", ",0.5,0,"))
+    table.write_text(table.read_text().replace(",0.5,0.05,1,", ",0.5,0.05,0,"))
     content = Content.of(read_result(table))
     assert content.alarms == []
     assert "did not count" in content.reason
@@ -150,7 +151,7 @@ def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Pat
 
 def test_a_peak_outside_the_alarms_is_explained(table: Path) -> None:
     rows = table.read_text().splitlines()
-    rows[1] = rows[1].replace(",0.002,0,", ",0.9,0,")
+    rows[1] = rows[1].replace(",0.002,0.05,0,", ",0.9,0.05,0,")
     table.write_text("".join(f"{row}\n" for row in rows))
     content = Content.of(read_result(table))
     assert (len(content.alarms), content.strongest.peak) == (len(ALARMS), 18)
@@ -185,7 +186,7 @@ def test_the_index_is_in_the_order_of_alarms_and_peaks(tmp_path: Path) -> None:
     for name, response, alarm in (("a", 0.9, 0), ("b", 0.5, 1), ("c", 0.7, 1)):
         tables.append(write_numbered_result(tmp_path, name))
         written = tables[-1].read_text()
-        tables[-1].write_text(written.replace(",0.5,1,", f",{response},{alarm},"))
+        tables[-1].write_text(written.replace(",0.5,0.05,1,", f",{response},0.05,{alarm},"))
     frames = read_result(tables[2]).frames
     frames.loc[:1, "dlgmd_alarm"] = 1  # before the alarms of the other detector
     frames.to_csv(tables[2], index=False)
@@ -621,10 +622,10 @@ def test_pages_in_one_folder_have_the_inputs_as_titles(table: Path, tmp_path: Pa
 def test_numbers_as_text(table: Path) -> None:
     times = (0.366, 59.99, 119.996, 187.25, 188, 189, 190)
     heights = (0.0, 8e-5, 0.0123, 4.23, 12.34, 1234.5, 0.99996)  # over a threshold of 0.05
-    rows = ["frame,time_s,opplod_response,opplod_alarm", "0,0,0,0"]
+    rows = ["frame,time_s,opplod_response,opplod_threshold,opplod_alarm", "0,0,0,0.05,0"]
     for at, (time_s, height) in enumerate(zip(times, heights, strict=True)):
-        rows.append(f"{2 * at + 1},{time_s},{height * 0.05:.9g},1")
-        rows.append(f"{2 * at + 2},{time_s + 0.001},0,0")
+        rows.append(f"{2 * at + 1},{time_s},{height * 0.05:.9g},0.05,1")
+        rows.append(f"{2 * at + 2},{time_s + 0.001},0,0.05,0")
     table.write_text("".join(f"{row}\n" for row in rows))
     table.with_name("clip.detections.jsonl").unlink()
     index = write_report([table, table], table.parent).first.read_text()

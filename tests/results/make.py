@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 HEADER = (
-    "frame,time_s,luma_change,opplod_response,opplod_alarm,opplod_x,opplod_y,opplod_width,"
-    "opplod_height,opplod_unit_x,opplod_unit_y,dlgmd_response,dlgmd_alarm,dlgmd_s,flow_vectors,rom_pairs,rom_share,rmo_mean,"
-    "rmo_max,rmo_index"
+    "frame,time_s,luma_change,opplod_response,opplod_threshold,opplod_alarm,opplod_x,opplod_y,"
+    "opplod_width,opplod_height,opplod_unit_x,opplod_unit_y,dlgmd_response,dlgmd_threshold,"
+    "dlgmd_alarm,dlgmd_s,flow_vectors,rom_pairs,rom_share,rmo_mean,rmo_max,rmo_index"
 )
 COLUMNS = HEADER.split(",")
 
@@ -32,6 +32,7 @@ def frame_rows(frames: int = 40, peak: int = 30) -> list[dict[str, str]]:
         opplod = float(np.exp(-(((frame - peak) / 4) ** 2)))
         row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
         row |= {"frame": frame, "time_s": f"{frame / 20:.9g}", "opplod_alarm": 0, "dlgmd_alarm": 0}
+        row |= {"opplod_threshold": 0.25, "dlgmd_threshold": 1.0}
         if frame:
             row |= {"luma_change": 0.01, "flow_vectors": 9, "rom_pairs": 4, "rom_share": 0.1}
             row |= {"rmo_mean": 0.8, "rmo_max": 0.9, "rmo_index": 0.5}
