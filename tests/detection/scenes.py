@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from oppload_cli.detection.alarm import alarm_params
-from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.ticks import ticks
 from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
 from tests.media import disk, texture
 
@@ -42,7 +42,7 @@ class Film:
 
     def __iter__(self) -> Iterator[Frame]:
         for index, luma in enumerate(self.frames):
-            yield Frame(index, index / RATE, luma)
+            yield Frame(index, ticks(index / RATE), luma)
 
 
 def pan(frames: int, speed: int = 2, seed: int = 1) -> list[Luma]:
@@ -84,20 +84,20 @@ def shaken(ground: Luma, frames: int, sigma: float, seed: int) -> list[Luma]:
 
 def cut() -> list[Luma]:
     """From a faint texture that moves left to patches that do."""
-    return [*(each * np.float32(0.1) for each in pan(BEFORE)), *patches(AFTER, seed=5)]
+    return [*(frame * np.float32(0.1) for frame in pan(BEFORE)), *patches(AFTER, seed=5)]
 
 
 def cut_between_textures() -> list[Luma]:
     """From a texture that moves left to another one that moves up, twice as fast."""
-    return [*pan(BEFORE), *(np.ascontiguousarray(each.T) for each in pan(AFTER, 4, seed=2))]
+    return [*pan(BEFORE), *(np.ascontiguousarray(frame.T) for frame in pan(AFTER, 4, seed=2))]
 
 
 def dark_flash(frames: int) -> list[Luma]:
     """Moving patches, a tenth as bright for some frames."""
     moving = patches(BEFORE + AFTER)
     return [
-        each * np.float32(0.1 if BEFORE <= t < BEFORE + frames else 1)
-        for t, each in enumerate(moving)
+        frame * np.float32(0.1 if BEFORE <= t < BEFORE + frames else 1)
+        for t, frame in enumerate(moving)
     ]
 
 
@@ -105,14 +105,14 @@ def bright_flash(frames: int) -> list[Luma]:
     """Moving patches, near to white for some frames."""
     moving = patches(BEFORE + AFTER)
     return [
-        each * np.float32(0.3) + np.float32(0.7) if BEFORE <= t < BEFORE + frames else each
-        for t, each in enumerate(moving)
+        frame * np.float32(0.3) + np.float32(0.7) if BEFORE <= t < BEFORE + frames else frame
+        for t, frame in enumerate(moving)
     ]
 
 
 def copied(times: int) -> list[Luma]:
     """A moving texture of which each frame comes several times."""
-    return [each for each in pan(BEFORE) for _ in range(times)]
+    return [frame for frame in pan(BEFORE) for _ in range(times)]
 
 
 def one_copied() -> list[Luma]:
@@ -129,7 +129,7 @@ def out_of_rest(moving: list[Luma]) -> list[Luma]:
 def noisy(frames: list[Luma]) -> list[Luma]:
     """The same with the noise of a camera: no frame is an exact copy."""
     rng = np.random.default_rng(4)
-    return [each + rng.normal(0, 3e-4, each.shape).astype(np.float32) for each in frames]
+    return [frame + rng.normal(0, 3e-4, frame.shape).astype(np.float32) for frame in frames]
 
 
 def looming_over(ground: list[Luma]) -> list[Luma]:
@@ -141,8 +141,7 @@ def looming_over(ground: list[Luma]) -> list[Luma]:
     return shown
 
 
-def alarms(video: FrameSource, preset: str, **changes: float) -> list[int]:
-    """Return the frames in which OppLoD's alarm is on."""
-    own, params = parameters_of("opplod", preset), alarm_params(preset, **changes)
-    found = analyse(video, [own], alarm=params, rmo=None)
-    return [each.frame for each in found if each.alarms.get("opplod")]
+def alarms(video: FrameSource, name: str, **changes: float) -> list[int]:
+    """Return the frames in which a detector's alarm is on."""
+    records = analyse(video, [name], alarm=alarm_params(**changes), rmo=None)
+    return [record.frame for record in records if record[name].alarm]

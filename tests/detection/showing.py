@@ -12,7 +12,6 @@ from oppload_cli.detection.places import Places
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.motion.flow import DenseFlow
 from tests.media import disk
-from tests.presets import DEFAULT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -48,8 +47,11 @@ def shown(
     interval_s: float = 0.0,
 ) -> list[list[Track]]:
     """Return the objects of every frame; in `hidden` frames no unit answers."""
-    model = Opplod((SIZE, SIZE), DEFAULT, frame_rate=rate if interval_s else None)
-    places, measured = Places(params or PlaceParams()), DenseFlow(interval_s)
+    model = Opplod((SIZE, SIZE), frame_rate=rate if interval_s else None)
+    places, measured = (
+        Places((params or PlaceParams()).of(Opplod.least_object)),
+        DenseFlow(interval_s),
+    )
     found: list[list[Track]] = []
     for t, frame in enumerate(frames):
         flow = measured.step(frame, t / rate)
@@ -60,5 +62,5 @@ def shown(
             continue
         if t in set(hidden):
             model.units.responses[:] = 0
-        found.append([copy(each) for each in places.step(model.units, flow, t / rate)])
+        found.append([copy(track) for track in places.step(model.units, flow, t / rate)])
     return found

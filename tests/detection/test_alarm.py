@@ -10,8 +10,8 @@ import pytest
 
 from oppload_cli.detection.alarm import Alarm, AlarmParams, _Steps, alarm_params
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.presets import PRESETS
-from oppload_cli.models.registry import alarm_floor_of, detectors
+from oppload_cli.models.registry import detectors
+from oppload_cli.ticks import ticks
 
 RATE = 32
 # Nothing but the floor, frame by frame.
@@ -88,7 +88,7 @@ def test_evidence_as_old_as_the_window_counts_whatever_the_clock_says(zero_s: fl
     """Four frames in 0.09 s, at 100 frames/s, last for three steps: 0.03 s."""
     alarm = Alarm("opplod", BARE.replaced(enough_s=0.03, window_s=0.09))
     shown = [2.0 if t in {0, 3, 6, 9} else 0.0 for t in range(11)]
-    on = [t for t, each in enumerate(shown) if alarm.step(each, zero_s + t / 100)]
+    on = [t for t, value in enumerate(shown) if alarm.step(value, zero_s + t / 100)]
     assert on == [9]
 
 
@@ -108,36 +108,32 @@ def test_an_alarm_is_held_after_its_last_frame() -> None:
     assert alarms(responses, BARE.replaced(hold_s=4 / RATE)) == [1, 2, 3, 4, 5, 6, 7]
 
 
-def test_a_hold_of_one_step_holds_over_times_that_are_rounded_to_milliseconds() -> None:
-    alarm = Alarm("opplod", BARE.replaced(hold_s=1 / 30))
-    shown = ((0.0, 0.0), (0.033, 2.0), (0.067, 0.0), (0.1, 0.0))
-    assert [alarm.step(each, time_s) for time_s, each in shown] == [False, True, True, False]
-
-
-def test_a_hold_is_longer_by_less_than_two_milliseconds_for_rounded_times() -> None:
-    """0.05 s at 240 frames/s: twelve frames after the one that counts."""
-    alarm = Alarm("opplod", BARE.replaced(hold_s=0.05))
-    assert sum(alarm.step(0.0 if t else 2.0, t / 240) for t in range(24)) == 13
+@pytest.mark.parametrize("rate", [24, 25, 30, 60, 120])
+def test_a_hold_of_whole_steps_holds_for_them(rate: int) -> None:
+    for steps in (1, 6):
+        alarm = Alarm("opplod", BARE.replaced(hold_s=steps / rate))
+        on = [alarm.step(0.0 if t else 2.0, 12.345 + t / rate) for t in range(steps + 3)]
+        assert on == [True] * (steps + 1) + [False] * 2
 
 
 @pytest.mark.parametrize(
     ("steps", "late", "gap"),
-    [([], 0.19, False), ([], 0.21, True), ([0.2] * 8 + [0.1] * 7, 0.3, False),
+    [([], 0.24, False), ([], 0.26, True), ([0.2] * 8 + [0.1] * 7, 0.3, False),
      ([0.2] * 8 + [0.1] * 8, 0.3, True)],
 )  # fmt: skip
 def test_the_usual_step_is_the_median_of_the_latest_fifteen(
     steps: list[float], late: float, gap: bool
 ) -> None:
-    """Before any step it is 0.1 s; a gap is longer than two of them."""
+    """Before any step it is 0.1 s; a gap is longer than two and a half of them."""
     found = _Steps()
     for time_s in np.cumsum([0, *steps]).tolist():
-        assert found.gap_s(time_s) == 0
-    assert found.gap_s(time_s + late) == (pytest.approx(late) if gap else 0)
+        assert found.gap(ticks(time_s)) == 0
+    assert found.gap(ticks(time_s + late)) == (pytest.approx(ticks(late)) if gap else 0)
 
 
-@pytest.mark.parametrize(("late", "on"), [(0.5, True), (0.5005, True), (0.53125, False)])
-def test_a_step_of_more_than_two_usual_steps_is_a_gap(late: float, on: bool) -> None:
-    """One lost frame, a step of two, is no gap, also if times are rounded to milliseconds."""
+@pytest.mark.parametrize(("late", "on"), [(0.5, True), (0.5625, True), (0.59375, False)])
+def test_a_step_of_more_than_two_and_a_half_usual_steps_is_a_gap(late: float, on: bool) -> None:
+    """One lost frame, a step of two, is no gap, also if times are rounded."""
     alarm = Alarm("opplod", BARE)
     assert [alarm.step(2.0, time_s) for time_s in (0.0, 0.125, 0.25, late)] == [True] * 3 + [on]
 
@@ -150,7 +146,7 @@ def test_an_alarm_ends_in_a_gap_between_frames() -> None:
     ):
         alarm, times = Alarm("opplod", alarm_params()), (0.0, 0.1, 60.0, 60.1, 60.2, 60.3)
         shown = (0.0, 0.5, late, *([0.0] * 3 if late < 0.1 else [0.5] * 3))
-        found = [alarm.step(each, time_s) for each, time_s in zip(shown, times, strict=True)]
+        found = [alarm.step(value, time_s) for value, time_s in zip(shown, times, strict=True)]
         assert found == expected
     # Its refractory time counts from its end, not from the frame that came after the gap.
     params = BARE.replaced(hold_s=0.5, refractory_s=0.5)
@@ -172,7 +168,7 @@ def test_frames_that_all_count_are_one_alarm_at_any_rate(rate: int) -> None:
     for hold_s in (0.0, 0.1, 0.5):
         alarm = Alarm("opplod", BARE.replaced(hold_s=hold_s))
         shown = [0.0] * 3 + [2.0] * 9
-        assert [alarm.step(each, t / rate) for t, each in enumerate(shown)] == [*map(bool, shown)]
+        assert [alarm.step(value, t / rate) for t, value in enumerate(shown)] == [*map(bool, shown)]
 
 
 def test_no_alarm_goes_on_within_the_refractory_time() -> None:
@@ -182,10 +178,12 @@ def test_no_alarm_goes_on_within_the_refractory_time() -> None:
     assert alarms([*responses[:5], 2.0], BARE.replaced(refractory_s=4 / RATE)) == [0, 5]
 
 
-def test_a_refractory_time_of_one_step_ends_over_times_that_are_rounded_to_milliseconds() -> None:
-    alarm = Alarm("opplod", BARE.replaced(refractory_s=1 / 30))
-    shown = ((0.033, 2.0), (0.067, 0.0), (0.1, 2.0))
-    assert [alarm.step(each, time_s) for time_s, each in shown] == [True, False, True]
+@pytest.mark.parametrize("rate", [24, 25, 30, 60, 120])
+def test_a_refractory_time_of_one_step_ends_with_it(rate: int) -> None:
+    alarm = Alarm("opplod", BARE.replaced(refractory_s=1 / rate))
+    shown = 2.0, 0.0, 2.0
+    found = [alarm.step(value, 12.345 + t / rate) for t, value in enumerate(shown)]
+    assert found == [True, False, True]
 
 
 def test_blind_frames_do_not_count() -> None:
@@ -206,30 +204,48 @@ def test_the_alarm_knows_only_the_past() -> None:
         assert alarms(responses[:end], params) == [t for t in whole if t < end]
 
 
-@pytest.mark.parametrize("preset", PRESETS)
-def test_every_detector_has_an_alarm_under_every_preset(preset: str) -> None:
-    params = alarm_params(preset)
-    for name in detectors():
-        assert params.floor_of(name) == alarm_floor_of(name, preset) > 0
-        silent = bool(PRESETS[preset].no_alarm)
-        assert Alarm(name, params).threshold == (math.inf if silent else params.floor_of(name))
+def test_every_detector_has_its_own_rule_or_says_why_it_has_none() -> None:
+    params = alarm_params()
+    for name, kind in detectors().items():
+        assert params.rule_of(name) == AlarmParams().rule_of(name) == kind.alarm
+        floor = kind.alarm.floor
+        assert Alarm(name, params).threshold == (math.inf if floor is None else floor)
+        assert (floor is None) == bool(kind.alarm.why_none)
+        assert floor is None or floor > 0
+    silent = [name for name, kind in detectors().items() if kind.alarm.floor is None]
+    assert silent == ["opplod_paper", "opplod_lplc2"]
 
 
 def test_without_an_alarm_no_response_is_above_the_threshold() -> None:
     assert alarms([0, 1, 1e9, 1e9], BARE.replaced(on=False)) == []
 
 
-def test_presets_calibrate_the_alarm() -> None:
-    default, reference = alarm_params(), alarm_params("reference")
-    assert (default.factor, default.enough_s, default.window_s) == (None, 0, 0)
-    assert (reference.factor, reference.enough_s, reference.window_s) == (30, 0.03, 0.09)
-    assert (default.floor_of("opplod"), reference.floor_of("opplod")) == (0.09, 8e-4)
-    assert default.floor_of("dlgmd") == reference.floor_of("dlgmd") == 0.01
-    assert (default.on, reference.on, alarm_params("paper").on) == (True, True, False)
+def test_the_rules_of_the_alarms() -> None:
+    params = alarm_params()
+    assert (params.factor, params.enough_s, params.window_s) == (None, None, None)
+    assert params.rule_of("opplod")[:4] == (0.09, 0, 0, 0)
+    assert params.rule_of("opplod_reference")[:4] == (8e-4, 30, 0.03, 0.09)
+    assert params.rule_of("dlgmd")[:4] == (0.01, 8, 0, 0)
 
 
-def test_parameters_without_floors_have_those_of_the_detectors() -> None:
-    assert AlarmParams().floor_of("opplod") == alarm_floor_of("opplod")
+def test_what_is_set_replaces_the_rule_of_every_detector() -> None:
+    params = alarm_params(factor=2, enough_s=0.1, window_s=0.2, opplod_floor=0.5)
+    assert params.rule_of("opplod")[:4] == (0.5, 2, 0.1, 0.2)
+    assert params.rule_of("opplod_reference")[:4] == (8e-4, 2, 0.1, 0.2)
+    off = params.replaced(on=False).rule_of("opplod")
+    assert (off.floor, off.why_none) == (None, "alarm.on is false")
+
+
+def test_a_detector_without_an_alarm_gets_one_from_a_floor() -> None:
+    """Its factor is then the usual one."""
+    responses = [0.0, 1e9, 1e9]
+    for params, expected in (
+        (alarm_params(), [False, False, False]),
+        (alarm_params(opplod_paper_floor=0.1), [False, True, True]),
+    ):
+        alarm = Alarm("opplod_paper", params)
+        assert [alarm.step(value, t / RATE) for t, value in enumerate(responses)] == expected
+        assert alarm.threshold == (0.1 if any(expected) else math.inf)
 
 
 def test_an_unknown_detector_is_an_error() -> None:
@@ -239,12 +255,12 @@ def test_an_unknown_detector_is_an_error() -> None:
 
 @pytest.mark.parametrize("rate", [25, 30, 50, 100, 200])
 def test_the_zero_of_the_clock_changes_no_alarm(rate: int) -> None:
-    """The spans of the presets are whole numbers of frames, and times are rounded."""
+    """The spans of the rules are whole numbers of frames, and times are rounded."""
     responses = [2.0 if at in {1, 3} else 0.0 for at in range(5) for _ in range(rate // 2)]
-    for preset in ("default", "reference"):
+    for name in ("opplod", "opplod_reference"):
         found = set()
         for zero_s in (0.0, 0.1, 7.77, 1000.0, 1e5, -50.0):
-            alarm = Alarm("opplod", alarm_params(preset))
-            on = [alarm.step(each, zero_s + t / rate) for t, each in enumerate(responses)]
+            alarm = Alarm(name, alarm_params())
+            on = [alarm.step(value, zero_s + t / rate) for t, value in enumerate(responses)]
             found.add(tuple(on))
-        assert len(found) == 1, preset
+        assert len(found) == 1, name

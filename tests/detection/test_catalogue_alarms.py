@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 
 from oppload_cli import open_video, stimulus
-from oppload_cli.detection.alarm import alarm_params
-from oppload_cli.models.presets import PRESETS
-from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import contact_time
@@ -20,7 +17,7 @@ from tests.media import write_video
 if TYPE_CHECKING:
     from pathlib import Path
 
-HEIGHT = PRESETS["default"].height
+HEIGHT = 240
 LOOM = "klapoetke2017/loom-l-over-v"
 LEADS = {20: 5, 40: 9, 60: 13, 80: 16, 100: 18}  # frames before contact
 EARLIEST, LEAD = 40, 3  # frames, for disks beside the middle
@@ -47,36 +44,32 @@ SOME = (
 )
 
 
-def of(name: str, preset: str) -> list[int]:
-    [protocol] = stimulus.load_all(name)
-    return alarms(StimulusVideo(protocol, HEIGHT), preset)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", SOME)
 def test_a_control_gives_no_alarm(name: str) -> None:
-    assert of(name, "default") == []
+    [protocol] = stimulus.load_all(name)
+    assert alarms(StimulusVideo(protocol, HEIGHT), "opplod") == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CONTROLS)
-@pytest.mark.parametrize("preset", ["reference", "default"])
-def test_every_control_gives_no_alarm(name: str, preset: str) -> None:
+@pytest.mark.parametrize("model", ["opplod_reference", "opplod"])
+def test_every_control_gives_no_alarm(name: str, model: str) -> None:
     for protocol in stimulus.load_all(name):
-        assert alarms(StimulusVideo(protocol, HEIGHT), preset) == [], protocol.name
+        assert alarms(StimulusVideo(protocol, HEIGHT), model) == [], protocol.name
 
 
 MOVING, SHAKEN = "controls/looming-on-moving-texture", "controls/looming-with-shake"
 SPEED, SHAKE = "ground.motion.speed_deg_s", "scene.motion.shake_deg"
 
 
-def lead(name: str, preset: str, **changes: float) -> float | None:
+def lead(name: str, model: str, **changes: float) -> float | None:
     """Return the time from the first alarm to contact in seconds; None without an alarm."""
     protocol = stimulus.load_all(name, changes)[0]
     contact_s = contact_time(protocol)
     assert contact_s
     video = StimulusVideo(protocol, HEIGHT)
-    on = alarms(video, preset)
+    on = alarms(video, model)
     return contact_s - on[0] / float(video.facts.frame_rate or 0) if on else None
 
 
@@ -99,8 +92,8 @@ def test_a_view_that_moves_does_not_hide_an_approach(
 
     The motion of the ground hides the approach from the units alone.
     """
-    assert lead(name, "default", **changes) == pytest.approx(lead_s, abs=0.04)
-    assert lead(name, "reference", **changes) is None
+    assert lead(name, "opplod", **changes) == pytest.approx(lead_s, abs=0.04)
+    assert lead(name, "opplod_reference", **changes) is None
 
 
 @pytest.mark.long
@@ -116,8 +109,8 @@ def test_a_view_that_moves_does_not_hide_an_approach(
 def test_noise_does_not_hide_an_approach(noise: float, rate: int) -> None:
     changes = {"effects.noise": noise, "display.frame_rate": rate}
     name = "controls/looming-noise"
-    assert lead(name, "default", **changes) == pytest.approx(0.37, abs=0.08)
-    assert lead(name, "reference", **changes) is None
+    assert lead(name, "opplod", **changes) == pytest.approx(0.37, abs=0.08)
+    assert lead(name, "opplod_reference", **changes) is None
 
 
 NOISY = {  # controls with an alarm in noise
@@ -139,14 +132,14 @@ NOISY = {  # controls with an alarm in noise
 def test_controls_in_noise(name: str, noise: float) -> None:
     for protocol in stimulus.load_all(name, {"effects.noise": noise}):
         alarmed = any(protocol.name.endswith(known) for known in NOISY[noise])
-        assert bool(alarms(StimulusVideo(protocol, HEIGHT), "default")) == alarmed, protocol.name
+        assert bool(alarms(StimulusVideo(protocol, HEIGHT), "opplod")) == alarmed, protocol.name
 
 
 FAST = {  # controls with an alarm at other frame rates, as docs/time.md says
-    ("default", 12): {"flickering-disk", "size-steps"},
-    ("default", 24): {"bar-sweep/rotation-315"},
-    ("default", 25): {"flickering-disk"},
-    **{("reference", rate): {"translating-bar-speed/speed-80"} for rate in (12, 24, 25, 50)},
+    ("opplod", 12): {"flickering-disk", "size-steps"},
+    ("opplod", 24): {"bar-sweep/rotation-315"},
+    ("opplod", 25): {"flickering-disk"},
+    **{("opplod_reference", rate): {"translating-bar-speed/speed-80"} for rate in (12, 24, 25, 50)},
 }
 
 
@@ -161,25 +154,25 @@ def test_a_re_encoded_pause_before_a_control_is_no_background(tmp_path: Path) ->
         tmp_path / "a.mp4", frames, codec="libx264", pixel_format="yuv420p", options=options
     )
     with open_video(path, height=HEIGHT) as video:
-        assert alarms(video, "default") == []
+        assert alarms(video, "opplod") == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [12, 15, 20, 24, 25, 50, 60, 120])
 @pytest.mark.parametrize("name", CONTROLS)
-@pytest.mark.parametrize("preset", ["reference", "default"])
-def test_controls_at_other_frame_rates(name: str, preset: str, rate: int) -> None:
+@pytest.mark.parametrize("model", ["opplod_reference", "opplod"])
+def test_controls_at_other_frame_rates(name: str, model: str, rate: int) -> None:
     for protocol in stimulus.load_all(name, {"display.frame_rate": rate}):
-        alarmed = any(protocol.name.endswith(each) for each in FAST.get((preset, rate), ()))
-        assert bool(alarms(StimulusVideo(protocol, HEIGHT), preset)) == alarmed, protocol.name
+        alarmed = any(protocol.name.endswith(known) for known in FAST.get((model, rate), ()))
+        assert bool(alarms(StimulusVideo(protocol, HEIGHT), model)) == alarmed, protocol.name
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("l_over_v", "centre"),
     [
-        pytest.param(each, centre, marks=() if (each, centre) in QUICK else pytest.mark.slow)
-        for each in LEADS
+        pytest.param(disk, centre, marks=() if (disk, centre) in QUICK else pytest.mark.slow)
+        for disk in LEADS
         for centre in ((0, 0), BESIDE)
     ],
 )
@@ -189,7 +182,7 @@ def test_a_looming_disk_alarms_before_contact(l_over_v: int, centre: tuple[int, 
     [protocol] = stimulus.load_all(LOOM, changes)
     contact = contact_time(protocol)
     assert contact is not None
-    on = alarms(StimulusVideo(protocol, HEIGHT), "default")
+    on = alarms(StimulusVideo(protocol, HEIGHT), "opplod")
     assert on
     ahead = contact * 30 - on[0]
     if centre == BESIDE:
@@ -212,12 +205,13 @@ def test_a_looming_disk_alarms_before_contact(l_over_v: int, centre: tuple[int, 
 def test_the_responses_from_which_the_floor_follows(
     name: str, largest: float, contacts: int | None
 ) -> None:
-    """The largest response of preset default, and the frames with a time to contact."""
+    """The largest response of OppLoD, and the frames with a time to contact."""
     [protocol] = stimulus.load_all(name)
-    video, params = StimulusVideo(protocol, HEIGHT), [parameters_of("opplod", "default")]
-    records = list(analyse(video, params, alarm=alarm_params("default"), rmo=None))
-    responses = [each.responses["opplod"] for each in records if not each.blind]
-    found = max(one.response for one in responses if one)
+    records = list(analyse(StimulusVideo(protocol, HEIGHT), ["opplod"], rmo=None))
+    responses = [record["opplod"].response for record in records if not record.blind]
+    found = max(response for response in responses if response is not None)
     assert found == pytest.approx(largest, rel=0.05, abs=1e-3)
-    known = [each for each in records if any(one.time_to_contact_s for one in each.detections)]
+    known = [
+        record for record in records if any(one.time_to_contact_s for one in record.detections)
+    ]
     assert contacts is None or len(known) == contacts

@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli import Detection, FrameRecord, OpplodResponse, alarm_params, analyse, open_video
+from oppload_cli import Detection, FrameRecord, alarm_params, analyse, open_video
+from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.detection.places import Detections
 from oppload_cli.models.detector import Box, Response
-from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.opplod_reference import OpplodReference, OpplodReferenceResponse
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.video.frames import WorkingSize
 from oppload_cli.video.optics import View
 from tests.detection.showing import RATE, SIZE, approaching, remaining, together
 from tests.media import write_video
-from tests.presets import PLACES, REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from tests.media import Luma
 
+PLACES = PlaceParams().of(OpplodReference.least_object)
 TWICE = WorkingSize(SIZE, SIZE, 3.0, 2.0)
 
 
@@ -34,7 +35,7 @@ def detected(
     frames: Iterable[Luma], alarm: bool = False, threshold: float = math.inf
 ) -> list[Detection]:
     """The detections of the last frame; the alarm goes on with it."""
-    model = Opplod((SIZE, SIZE), REFERENCE)
+    model = OpplodReference((SIZE, SIZE))
     detections, measured = Detections(TWICE, PLACES), DenseFlow()
     found: tuple[Detection, ...] = ()
     for t, frame in enumerate(frames):
@@ -74,19 +75,19 @@ def test_the_alarm_is_that_of_what_set_it_off_and_of_what_is_above_the_threshold
 def records(path: Path, frames: Iterable[Luma]) -> list[FrameRecord]:
     images = [(frame * 255).round().astype(np.uint8) for frame in frames]
     with open_video(write_video(path, images)) as video:
-        alarm = alarm_params("reference", guard_s=0, enough_s=0)
-        return list(analyse(video, [REFERENCE], alarm=alarm, places=PLACES))
+        alarm = alarm_params(guard_s=0, enough_s=0)
+        return list(analyse(video, ["opplod_reference"], alarm=alarm))
 
 
 def test_a_pass_over_a_video_gives_detections(tmp_path: Path) -> None:
     found = records(tmp_path / "a.mkv", [*two_disks(21), *[two_disks(21)[-1]] * 8])
     for record in found[:21]:
-        response = record.responses["opplod"]
+        response = record["opplod_reference"].answer
         if record.detections:
-            assert isinstance(response, OpplodResponse)
+            assert isinstance(response, OpplodReferenceResponse)
             assert record.detections[0].response == pytest.approx(response.response, rel=1e-5)
     assert [len(record.detections) for record in found[15:21]] == [2] * 6
-    assert found[20].alarms["opplod"]
+    assert found[20]["opplod_reference"].alarm
     assert found[20].detections[0].alarm
     # It stands still.
     assert not any(record.detections for record in found[21:])

@@ -7,12 +7,14 @@ import pytest
 
 from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.detection.places import Places
-from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.opplod_paper import OpplodPaper, OpplodPaperParams
+from oppload_cli.models.opplod_reference import OpplodReference, OpplodReferenceParams
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.growth import motion_about
 from tests.detection.showing import LENGTH, RATE, SIZE, approaching, remaining, shown, together
 from tests.media import disk, texture
-from tests.presets import PLACES, REFERENCE
+
+PLACES = PlaceParams().of(OpplodReference.least_object)
 
 
 def test_a_disk_is_one_object_with_its_focus_and_its_box() -> None:
@@ -99,7 +101,7 @@ def test_an_object_of_a_slow_video_keeps_its_number() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_first_object_is_the_winning_unit(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    model = Opplod((SIZE, 300), REFERENCE.replaced(history=0))
+    model = OpplodReference((SIZE, 300), OpplodReferenceParams(history=0))
     for scale in (0.0, 0.0, 0.05, 0.1, 1.0):
         luma = rng.random((SIZE, 300), dtype=np.float32) * np.float32(scale)
         answer = model.step(luma)
@@ -140,7 +142,7 @@ def test_nothing_is_found_where_nothing_looms() -> None:
 
 def test_an_object_that_no_longer_moves_keeps_its_box() -> None:
     frames = approaching(120, 120, 24, 18)
-    model, places, measured = Opplod((SIZE, SIZE), REFERENCE), Places(PLACES), DenseFlow()
+    model, places, measured = OpplodReference((SIZE, SIZE)), Places(PLACES), DenseFlow()
     for t, frame in enumerate(frames):
         flow = measured.step(frame, t / RATE)
         model.step(frame)
@@ -155,7 +157,7 @@ def test_an_object_that_no_longer_moves_keeps_its_box() -> None:
 
 def test_growth_is_measured_over_the_time_between_the_pictures_of_the_flow() -> None:
     """At 240 frames/s a frame is compared with the one that is eight frames older."""
-    model, places, measured = Opplod((SIZE, SIZE), REFERENCE), Places(PLACES), DenseFlow()
+    model, places, measured = OpplodReference((SIZE, SIZE)), Places(PLACES), DenseFlow()
     for frame in approaching(120, 120, 24, 18):
         model.step(frame)
     passed_s = []
@@ -169,11 +171,8 @@ def test_growth_is_measured_over_the_time_between_the_pictures_of_the_flow() -> 
 
 
 def test_units_of_the_literal_model_are_objects_with_their_field() -> None:
-    params = REFERENCE.replaced(
-        judgement="pixelwise", receptive_field=100, cell=1, pool_sigma=0, periphery=0, units="3x3",
-        history=0, interpolated="none",
-    )  # fmt: skip
-    model = Opplod((SIZE, SIZE), params)
+    params = OpplodPaperParams(receptive_field=100, units="3x3")
+    model = OpplodPaper((SIZE, SIZE), params)
     for frame in approaching(120, 120, 24, 18):
         model.step(frame)
     first = Places(PLACES).step(model.units, None, 0)[0]

@@ -5,16 +5,13 @@ from __future__ import annotations
 import pytest
 
 from oppload_cli import stimulus
-from oppload_cli.models.presets import PRESETS
-from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import contact_time
-from tests.detection.test_catalogue_alarms import CONTROLS, LOOM
+from tests.detection.test_catalogue_alarms import CONTROLS, HEIGHT, LOOM
 
 Leads = dict[str, list[int | None]]
 
-HEIGHT = PRESETS["default"].height
 DISKS = 20, 40, 60, 80, 100  # ms, l/v
 MOST = 8  # controls of 109 that may set an alarm off
 LEADS: dict[str, tuple[int | None, ...]] = {  # frames before contact
@@ -37,23 +34,22 @@ LEADS: dict[str, tuple[int | None, ...]] = {  # frames before contact
 }
 
 
-def first_alarms(name: str, l_over_v: int | None = None) -> Leads:
+def first_alarms(stimuli: str, l_over_v: int | None = None) -> Leads:
     """The first frame with an alarm of every detector on the stimuli of a name."""
-    found: Leads = {each: [] for each in LEADS}
+    found: Leads = {name: [] for name in LEADS}
     changes = {} if l_over_v is None else {"disk.growth.l_over_v_ms": l_over_v}
-    for protocol in stimulus.load_all(name, changes):
-        params = [parameters_of(each) for each in LEADS]
-        records = list(analyse(StimulusVideo(protocol, HEIGHT), params, places=None, rmo=None))
-        for each in LEADS:
-            on = (record.frame for record in records if record.alarms.get(each))
-            found[each].append(next(on, None))
+    for protocol in stimulus.load_all(stimuli, changes):
+        video = StimulusVideo(protocol, HEIGHT)
+        records = list(analyse(video, list(LEADS), places=None, rmo=None))
+        for name, first in found.items():
+            first.append(next((record.frame for record in records if record[name].alarm), None))
     return found
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     "l_over_v",
-    [each if each == 40 else pytest.param(each, marks=pytest.mark.slow) for each in DISKS],
+    [disk if disk == 40 else pytest.param(disk, marks=pytest.mark.slow) for disk in DISKS],
 )
 def test_a_looming_disk_alarms_as_early_as_the_page_says(l_over_v: int) -> None:
     [protocol] = stimulus.load_all(LOOM, {"disk.growth.l_over_v_ms": l_over_v})
