@@ -191,7 +191,7 @@ def test_the_time_to_contact_of_a_rendered_approach() -> None:
         left_s / (contact_s - record.time_s) - 1
         for record in records
         if contact_s - 0.5 < record.time_s < contact_s
-        and (found := record.objects["opplod"])
+        and (found := record["opplod"].object)
         and (left_s := found.time_to_contact_s)
     ]
     assert len(errors) > 15

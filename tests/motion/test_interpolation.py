@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -9,16 +10,19 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli import Analysis, DlgmdParams, analyse
-from oppload_cli.motion.flow import DenseFlow, Flow, Interpolation
+from oppload_cli import Analysis, analyse
+from oppload_cli.frames.between import Interpolation
+from oppload_cli.models.registry import detector_named
+from oppload_cli.models.units import CellDetector
+from oppload_cli.motion.flow import DenseFlow, Flow
+from oppload_cli.ticks import ticks
 from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
 from tests.media import disk, texture
-from tests.presets import DEFAULT, REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from oppload_cli import OpplodParams
+    from oppload_cli.models.detector import Response
     from tests.media import Luma
 
 
@@ -118,27 +122,28 @@ def growing_disk() -> Luma:
 @pytest.mark.long
 @pytest.mark.once
 @pytest.mark.parametrize(
-    ("preset", "without"), [(DEFAULT, 0.97), (REFERENCE, 0.8)], ids=["default", "reference"]
+    ("name", "without"), [("opplod", 0.97), ("opplod_reference", 0.8), ("opplod_lplc2", 0.95)]
 )
 def test_with_pictures_in_between_the_peak_at_15_frames_per_s_is_as_at_30(
-    preset: OpplodParams, without: float
+    name: str, without: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     peaks = {}
-    for interpolated in (preset.interpolated, "none"):
-        params = preset.replaced(interpolated=interpolated)
+    for interpolates in (True, False):
+        monkeypatch.setattr(detector_named(name), "interpolates", interpolates)
         for every in (1, 2):
-            records = analyse(growing_disk()[::every], [params], rate=30 / every, rmo=False)
-            found = [record.responses["opplod"] for record in records]
-            peaks[interpolated, every] = max(each.response for each in found if each)
-    shown = preset.interpolated
-    assert peaks[shown, 1] == peaks["none", 1] > 0
-    assert peaks[shown, 2] / peaks[shown, 1] == pytest.approx(1, abs=0.3)
-    assert peaks["none", 2] / peaks["none", 1] < without
+            records = analyse(growing_disk()[::every], [name], rate=30 / every, rmo=False)
+            found = [record[name].response for record in records]
+            peaks[interpolates, every] = max(value for value in found if value is not None)
+    assert peaks[True, 1] == peaks[False, 1] > 0
+    assert peaks[True, 2] / peaks[True, 1] == pytest.approx(1, abs=0.3)
+    assert peaks[False, 2] / peaks[False, 1] < without
 
 
 @pytest.mark.long
 @pytest.mark.once
-def test_there_are_no_pictures_in_between_where_the_machine_was_too_slow_for_a_frame() -> None:
+def test_there_are_no_pictures_in_between_where_the_machine_was_too_slow_for_a_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """They would take time in which the next frame is dropped; the index shows the gap."""
     shown = growing_disk()
 
@@ -150,36 +155,32 @@ def test_there_are_no_pictures_in_between_where_the_machine_was_too_slow_for_a_f
 
         def __iter__(self) -> Iterator[Frame]:
             for index, luma in zip(self.indices, shown[::2], strict=True):
-                yield Frame(index, self.indices.index(index) / 15, luma.astype(np.float32))
+                yield Frame(index, ticks(self.indices.index(index) / 15), luma.astype(np.float32))
 
     count = len(shown[::2])
     every, second = range(count), range(0, 2 * count, 2)
-    found = {
-        (indices, real_time, between): [
-            record.responses["opplod"]
-            for record in analyse(
-                Camera(indices, real_time), [REFERENCE.replaced(interpolated=between)], rmo=False
-            )
-        ]
-        for indices in (every, second)
-        for real_time in (False, True)
-        for between in ("earlier", "none")
-    }
-    without = found[every, False, "none"]
-    assert found[second, True, "earlier"] == without
-    assert found[every, True, "earlier"] == found[second, False, "earlier"] != without
+    found: dict[tuple[range, bool, bool], list[Response | None]] = {}
+    for between in (True, False):
+        monkeypatch.setattr(CellDetector, "interpolates", between)
+        for indices, real_time in itertools.product((every, second), (False, True)):
+            records = analyse(Camera(indices, real_time), ["opplod_reference"], rmo=False)
+            answers = [record["opplod_reference"].answer for record in records]
+            found[indices, real_time, between] = answers
+    without = found[every, False, False]
+    assert found[second, True, True] == without
+    assert found[every, True, True] == found[second, False, True] != without
 
 
 @pytest.mark.long
 @pytest.mark.once
 def test_what_shares_layers_gets_no_pictures_in_between() -> None:
     """D-LGMD and OppLoD share layers only until the first picture in between."""
-    detectors = [REFERENCE], [DlgmdParams()], [REFERENCE, DlgmdParams()]
-    alone, other, both = (Analysis((120, 120), each, rate=30) for each in detectors)
+    detectors = ["opplod_reference"], ["dlgmd"], ["opplod_reference", "dlgmd"]
+    alone, other, both = (Analysis((120, 120), chosen, rate=30) for chosen in detectors)
     for one in (0, 1, 2, 3, *range(4, 31, 2)):
         frame = growing_disk()[one], one / 30
-        expected = {**alone.step(*frame).responses, **other.step(*frame).responses}
-        assert both.step(*frame).responses == expected
+        expected = {**alone.step(*frame).detectors, **other.step(*frame).detectors}
+        assert both.step(*frame).detectors == expected
 
 
 @pytest.mark.long
@@ -189,9 +190,9 @@ def test_a_cut_at_a_low_rate_causes_no_alarm() -> None:
     one, other = texture(120, 160, 1), texture(120, 160, 2)
     shown = np.array([*([one] * 12), *([other] * 12)])
     grain = np.random.default_rng(1).normal(0, 0.01, shown.shape)
-    records = list(analyse(np.clip(shown + grain, 0, 1), rate=15, preset="default", rmo=False))
+    records = list(analyse(np.clip(shown + grain, 0, 1), rate=15, rmo=False))
     assert [record.blind for record in records[12:15]] == ["cut"] * 3
-    assert not any(record.alarms["opplod"] for record in records)
+    assert not any(record["opplod"].alarm for record in records)
 
 
 @pytest.mark.long
@@ -200,7 +201,7 @@ def test_a_rest_before_motion_keeps_the_times_in_order() -> None:
     """Exact repeats are shown to the detectors late; no picture comes before them."""
     moving = [disk(120, 60, 60, 5 + 2 * t) for t in range(16)]
     frames = np.array([*([moving[0]] * 10), *moving[1:]])
-    analysis = Analysis((120, 120), [DEFAULT], rate=15)
+    analysis = Analysis((120, 120), ["opplod"], rate=15)
     for t, frame in enumerate(frames):
         analysis.step(frame, t / 15)
     dpc = analysis._detectors._bank.detectors["opplod"]._dpc.layer  # type: ignore[attr-defined]
