@@ -31,11 +31,10 @@ import av
 import cv2
 import numpy as np
 
-from oppload_cli.detection.alarm import alarm_params
-from oppload_cli.detection.contact import place_params
-from oppload_cli.models.registry import parameters_of
+from oppload_cli.frames.repeats import NEAR, Repeat, RepeatParams, Repeats
+from oppload_cli.models.registry import least_response_of
 from oppload_cli.pipeline.analysis import analyse
-from oppload_cli.pipeline.repeats import NEAR, Repeat, RepeatParams, Repeats
+from oppload_cli.ticks import ticks
 from oppload_cli.video.source import open_video
 from oppload_cli.video.writers import ON_ANY_PROCESSOR
 
@@ -51,7 +50,7 @@ HEIGHTS = (360, 720, 1080, 2160)
 AGAINST = 720
 SIZES_CRF = 18
 CRFS = (23, 28, 35)
-DETECTORS = (("opplod", "default"), ("opplod", "reference"), ("dlgmd", "default"))
+DETECTORS = ("opplod", "opplod_reference", "dlgmd")
 LOSSLESS = None
 SHARES = (0.25, 0.35, 0.45)
 # SWS_BICUBIC or SWS_AREA, with SWS_ACCURATE_RND and SWS_BITEXACT
@@ -77,7 +76,7 @@ class _KnownRepeats(Repeats):
         self._numbers, self._per_s = iter(pictures), float(per_s)
         self._latest = -1
 
-    def step(self, luma: NDArray[np.float32], time_s: float) -> Repeat:
+    def step(self, luma: NDArray[np.float32], time: int) -> Repeat:
         """Take the next frame."""
         del luma
         picture, latest = next(self._numbers), self._latest
@@ -85,7 +84,7 @@ class _KnownRepeats(Repeats):
         if picture == latest:
             self.near += 1
             return Repeat(NEAR, passed_over=True, held=True)
-        return Repeat(shift_s=picture / self._per_s - time_s)
+        return Repeat(shift=ticks(picture / self._per_s) - time)
 
 
 class Measured(NamedTuple):
@@ -128,34 +127,26 @@ def coded(
 
 
 def measured(
-    path: Path, detectors: Sequence[tuple[str, str]] = DETECTORS, told: Pair | None = None
+    path: Path, detectors: Sequence[str] = DETECTORS, told: Pair | None = None
 ) -> tuple[dict[str, Measured], Repeats]:
-    """Return the peak and alarms of each detector and preset on a video, and its repeats.
+    """Return the peak and alarms of each detector on a video, and its repeats.
 
-    `detectors` holds names and presets. `told` tells which picture each frame shows; without it the
-    repeats are recognised.
+    `told` tells which picture each frame shows; without it the repeats are recognised.
     """
-    found: dict[str, Measured] = {}
-    repeats = Repeats(RepeatParams())
-    for preset in dict.fromkeys(preset for _, preset in detectors):
-        names = [name for name, each in detectors if each == preset]
-        repeats = _KnownRepeats(told.pictures, told.per_s) if told else Repeats(RepeatParams())
-        with open_video(path) as video:
-            records = list(
-                analyse(
-                    video, [parameters_of(name, preset) for name in names],
-                    alarm=alarm_params(preset), places=place_params(preset), rmo=None,
-                    repeats=repeats,
-                )
-            )  # fmt: skip
-        for name in names:
-            responses = [each.response for record in records if (each := record.responses[name])]
-            on = [False, *(record.alarms[name] for record in records)]
-            begun = [
-                r.time_s for r, was in zip(records, on, strict=False) if r.alarms[name] and not was
-            ]
-            floor = alarm_params(preset).floor_of(name) / 4
-            found[f"{name}, {preset}"] = Measured(max(responses, default=0.0), floor, begun)
+    repeats = _KnownRepeats(told.pictures, told.per_s) if told else Repeats(RepeatParams())
+    with open_video(path) as video:
+        records = list(analyse(video, list(detectors), rmo=None, repeats=repeats))
+    found = {}
+    for name in detectors:
+        said = [record[name] for record in records]
+        on = [False, *(one.alarm for one in said)]
+        begun = [
+            record.time_s
+            for record, was in zip(records, on, strict=False)
+            if record[name].alarm and not was
+        ]
+        peak = max((one.response for one in said if one.response), default=0.0)
+        found[name] = Measured(peak, least_response_of(name) / 4, begun)
     return found, repeats
 
 
@@ -244,7 +235,7 @@ def counted_repeats(path: Path, pictures: Sequence[int], share: float) -> NDArra
     repeats, numbers = Repeats(RepeatParams(share=share)), np.zeros(3, int)
     with open_video(path) as video:
         for frame, number, before in zip(video, pictures, (-1, *pictures), strict=False):
-            left_out = repeats.step(frame.luma, frame.time_s).passed_over
+            left_out = repeats.step(frame.luma, frame.time).passed_over
             is_repeat = number == before
             numbers += is_repeat, is_repeat and not left_out, left_out and not is_repeat
     return numbers

@@ -108,16 +108,16 @@ class _VideoInMemory(ABC):
 
     def __iter__(self) -> Iterator[Frame]:
         self._begin()  # unlike those of a video, the frames can be had again
-        for index, (time_s, values) in enumerate(self._pictures()):
+        for index, (time, values) in enumerate(self._pictures()):
             self.decode.decoded += 1
             name = f"array: frame {index}"
             luma = self._luminance(values, name)
             others = {shape: convert(values, name) for shape, convert in self._others.items()}
-            yield Frame(index, self.times.step(ticks(time_s)), luma, others=others)
+            yield Frame(index, self.times.step(time), luma, others=others)
 
     @abstractmethod
-    def _pictures(self) -> Iterator[tuple[float, Frames]]:
-        """Yield each picture with its presentation time in seconds."""
+    def _pictures(self) -> Iterator[tuple[int, Frames]]:
+        """Yield each picture with its presentation time in ticks."""
 
 
 class StimulusVideo(_VideoInMemory):
@@ -141,10 +141,10 @@ class StimulusVideo(_VideoInMemory):
         super().__init__(facts, height, others)
         self.protocol = protocol
 
-    def _pictures(self) -> Iterator[tuple[float, Frames]]:
+    def _pictures(self) -> Iterator[tuple[int, Frames]]:
         for first in range(0, self.facts.frames_declared or 0, self.protocol.frame_count):
             for shown in stimulus.frames(self.protocol):
-                yield self.protocol.time_of(first + shown.index), shown.grey
+                yield ticks(self.protocol.time_of(first + shown.index)), shown.grey
 
 
 class _ArrayVideo(_VideoInMemory):
@@ -186,9 +186,9 @@ class _ArrayVideo(_VideoInMemory):
         facts = InputFacts("array", "array", columns, rows, declared, count)
         super().__init__(facts, height, others)
 
-    def _pictures(self) -> Iterator[tuple[float, Frames]]:
+    def _pictures(self) -> Iterator[tuple[int, Frames]]:
         for time_s, values in zip(self._times_s, self._frames, strict=True):
-            yield time_s - self._times_s[0], values
+            yield ticks(time_s) - ticks(self._times_s[0]), values
 
 
 class _Counted:

@@ -33,7 +33,8 @@ WIDE = Optics.of_fov(400, 200, 90)
 
 def done(video: Path, folder: Path, **settings: Any) -> tuple[list[dict[str, str]], dict[str, Any]]:
     """Run OppLoD; return the rows of its table, and the sidecar."""
-    resolved = resolve(models=["opplod"], measure_rmo=False, height="120", **settings)
+    settings = {"models": ["opplod"], **settings}
+    resolved = resolve(measure_rmo=False, height="120", **settings)
     outputs = Outputs.of(folder, video.stem, resolved.models)
     folder.mkdir()
     run_task(Task(str(video), resolved, outputs))
@@ -137,21 +138,21 @@ def test_pixels_that_are_no_squares_give_a_remark(tmp_path: Path, aspect: Fracti
 def test_a_stimulus_is_seen_in_the_degrees_of_its_ground_truth(
     stimulus: Path, tmp_path: Path
 ) -> None:
-    rows, sidecar = done(stimulus, tmp_path / "a", preset="reference")
+    rows, sidecar = done(stimulus, tmp_path / "a", models=["opplod_reference"])
     truth = json.loads(stimulus.with_name(f"{stimulus.stem}.stimulus.json").read_text())
-    seen = [row for row in rows if row["opplod_azimuth_deg"]]
+    seen = [row for row in rows if row["opplod_reference_azimuth_deg"]]
     assert len(seen) > 5
     for row in seen[2:]:
-        assert float(row["opplod_azimuth_deg"]) == pytest.approx(10, abs=2)
-        assert float(row["opplod_elevation_deg"]) == pytest.approx(6, abs=2)
+        assert float(row["opplod_reference_azimuth_deg"]) == pytest.approx(10, abs=2)
+        assert float(row["opplod_reference_elevation_deg"]) == pytest.approx(6, abs=2)
         [disk] = truth["frames"][int(row["frame"])]["objects"]
-        size = float(row["opplod_angular_size_deg"])
+        size = float(row["opplod_reference_angular_size_deg"])
         # Around a small plain disk the search moves some of the ground too.
         assert disk["angular_size_deg"] < size < 1.75 * disk["angular_size_deg"]
     view = sidecar["field_of_view"]
     assert (view["origin"], view["projection"]) == ("stimulus", "flat")
     assert (view["horizontal_deg"], view["vertical_deg"]) == pytest.approx((60, 48))
-    assert view["sizes_deg"]["opplod.receptive_field"] == pytest.approx(20)
+    assert view["sizes_deg"]["opplod_reference.receptive_field"] == pytest.approx(20)
     lines = (tmp_path / "a" / f"{stimulus.stem}.detections.jsonl").read_text().splitlines()
     first = json.loads(lines[0])
     assert first["angular_size_deg"] == max(first["angular_width_deg"], first["angular_height_deg"])
@@ -212,7 +213,7 @@ def test_a_result_in_other_degrees_is_not_kept(stimulus: Path, tmp_path: Path) -
 
 def test_sizes_in_degrees_become_working_pixels() -> None:
     given = {"opplod.receptive_field": "90deg", "opplod.cell": 4}
-    settings = resolve(fov="90", assignments=given).seen_through(WIDE, WORKING)
+    settings = resolve(fov="90", height="100", assignments=given).seen_through(WIDE, WORKING)
     params = settings.groups["opplod"].as_dict()
     assert (params["receptive_field"], params["cell"]) == (200, 4)
     assert settings.angles == {}

@@ -24,7 +24,8 @@ from oppload_cli.pipeline.execute import _threads, analyse_source, run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import open_source
 from oppload_cli.pipeline.task import Interrupted, Outputs, Task
-from oppload_cli.video.frames import DecodeFacts, Frame, FrameTimes, InputFacts, WorkingSize
+from oppload_cli.ticks import FrameTimes, ticks
+from oppload_cli.video.frames import DecodeFacts, Frame, InputFacts, WorkingSize
 from oppload_cli.video.span import Position, Span
 from tests.media import grey_frames, write_video
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
 
 
 @pytest.mark.parametrize("piped", [False, True])
@@ -181,7 +182,7 @@ class Stopped:
 
     def __iter__(self) -> Iterator[Frame]:
         for index in range(self._after):
-            yield Frame(index, index / 30, np.zeros((13, 13), np.float32))
+            yield Frame(index, ticks(index / 30), np.zeros((13, 13), np.float32))
         raise KeyboardInterrupt
 
 

@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.slow
 
-DEFAULT = (("opplod", "default"),)
+DEFAULT = ("opplod",)
 # The encoder removes more texture from a small picture.
 LOST = {
-    ("opplod, default", "360 rows, CRF 18"): 0.52,
-    ("opplod, default", "2160 rows, CRF 18"): 0.2,
+    ("opplod", "360 rows, CRF 18"): 0.52,
+    ("opplod", "2160 rows, CRF 18"): 0.2,
 }
 
 
 class Case(NamedTuple):
-    """The largest deviation from 1 of the ratio of peaks of preset `default`.
+    """The largest deviation from 1 of the ratio of peaks of `opplod`.
 
     `told`: the peak divided by that on the same file if the detectors are told the repeats; the
     recognition of repeats causes this deviation. `plain`: the peak divided by that on the file

@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from oppload_cli.models.opplod_parameters import OpplodParams
 
+from oppload_cli import OpplodPaperParams
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.registry import alarm_floor_of, detectors
+from oppload_cli.models.registry import detectors
 from oppload_cli.pipeline.settings import resolve
 from tests.assigned import assigned
 
@@ -21,46 +21,43 @@ def write(tmp_path: Path, text: str) -> Path:
 def test_later_settings_win_and_say_where_they_came_from(tmp_path: Path) -> None:
     path = write(
         tmp_path,
-        'preset = "paper"\nmodels = ["opplod"]\nheight = 480\n[opplod]\ngain = 2.0\nthreshold = 1',
+        'models = ["opplod_paper"]\nheight = 480\n[opplod_paper]\ngain = 2.0\nthreshold = 1',
     )
-    settings = resolve(config=path, assignments={"opplod.gain": "3"}, height="native")
-    assert (settings.preset, settings.models, settings.height) == ("paper", ("opplod",), None)
-    opplod = settings.groups["opplod"]
-    assert isinstance(opplod, OpplodParams)
-    assert (opplod.gain, opplod.threshold) == (3, 1)
-    assert settings.origins["opplod.gain"] == "command line"
-    assert settings.origins["opplod.threshold"] == str(path)
-    assert settings.origins["opplod.axes"] == "preset paper"
+    settings = resolve(config=path, assignments={"opplod_paper.gain": "3"}, height="native")
+    assert (settings.models, settings.height, settings.pixels) == (
+        ("opplod_paper",),
+        "native",
+        None,
+    )
+    paper = settings.groups["opplod_paper"]
+    assert isinstance(paper, OpplodPaperParams)
+    assert (paper.gain, paper.threshold) == (3, 1)
+    assert settings.origins["opplod_paper.gain"] == "command line"
+    assert settings.origins["opplod_paper.threshold"] == str(path)
+    assert settings.origins["opplod_paper.axes"] == "default"
     assert settings.origins["height"] == "command line"
-
-
-def test_a_preset_after_a_model_of_a_file_must_be_that_of_the_run(tmp_path: Path) -> None:
-    path = write(tmp_path, 'preset = "paper"\nmodels = ["opplod:paper"]')
-    assert resolve(config=path).preset == "paper"
-    assert resolve(config=path, preset="default", models=["dlgmd"]).models == ("dlgmd",)
-    with pytest.raises(ParameterError, match="asks for preset 'paper', but the preset is 'defa"):
-        resolve(config=path, preset="default")
 
 
 def test_defaults() -> None:
     settings = resolve()
-    assert (settings.preset, settings.models, settings.height) == (
-        "default",
-        ("opplod", "dlgmd"),
-        240,
-    )
-    assert resolve(preset="paper").height == 600
+    assert (settings.models, settings.height, settings.pixels) == (("opplod", "dlgmd"), "auto", 240)
+    assert (resolve(height="100").other_heights, settings.other_heights) == ((), ())
+    paper = resolve(models=["opplod_paper", "dlgmd"])
+    assert (paper.pixels, paper.other_heights, paper.with_alarm) == (240, (600,), ["dlgmd"])
+    assert (paper.height_of("opplod_paper", 240), paper.height_of("dlgmd", 240)) == (600, 240)
 
 
-def test_a_preset_brings_its_own_alarm() -> None:
-    assert (resolve().alarm.floor_of("opplod"), resolve().alarm.factor) == (0.09, None)
-    reference = resolve(preset="reference", assignments={"alarm.factor": "2"})
-    assert (reference.alarm.floor_of("opplod"), reference.alarm.factor) == (8e-4, 2)
-    assert reference.origins["alarm.opplod_floor"] == "preset reference"
-    assert (resolve().places.floor, reference.places.floor) == (0.02, 1e-6)
-    assert (resolve().time.interval, resolve(preset="paper").time.interval) == ("1/30", "frame")
-    assert not resolve(preset="paper").alarm.on
-    assert resolve(preset="paper", assignments={"alarm.on": "true"}).alarm.on
+def test_a_detector_brings_its_own_alarm() -> None:
+    alarm = resolve(models=["opplod", "opplod_reference", "opplod_paper"]).alarm
+    assert alarm.rule_of("opplod")[:4] == (0.09, 0, 0, 0)
+    assert alarm.rule_of("opplod_reference")[:4] == (8e-4, 30, 0.03, 0.09)
+    assert alarm.rule_of("opplod_paper").floor is None
+    given = {"alarm.factor": 2, "alarm.opplod_paper_floor": 0.1}
+    changed = resolve(models=["opplod_reference", "opplod_paper"], assignments=given).alarm
+    assert changed.rule_of("opplod_reference")[:2] == (8e-4, 2)
+    assert changed.rule_of("opplod_paper").floor == 0.1
+    off = resolve(assignments={"alarm.on": False})
+    assert (off.alarm.rule_of("opplod").floor, off.with_alarm) == (None, [])
 
 
 @pytest.mark.parametrize(
@@ -69,17 +66,15 @@ def test_a_preset_brings_its_own_alarm() -> None:
         ("[oplod]\ngain=1", "no setting 'oplod'; did you mean 'opplod'"),
         ("[opplod]\ngian=1", "no parameter 'gian' of opplod; did you mean 'gain'"),
         ("opplod = 3", "'opplod' is a table"),
-        ("preset = 3", "'preset' must be a word"),
-        ('preset = "papr"', "no preset 'papr'; did you mean 'paper'"),
+        ('preset = "paper"', "in place of 'paper' write --model opplod_paper"),
         ('models = "opplod"', "models must be a list"),
-        (
-            'models = ["opplod:paper", "dlgmd:reference"]',
-            r"settings.toml: 'models' names the presets 'paper' and 'reference'",
-        ),
-        ('models = ["opplod:paper"]', "'models' asks for preset 'paper', but .* is 'default'"),
+        ('models = ["opplod:paper"]', "in place of 'paper' write --model opplod_paper"),
         ('models = ["dlgdm"]', "no model 'dlgdm'; did you mean 'dlgmd'"),
         ('columns = ["all"]', "columns must be 'usual' or 'all', not"),
-        ("height = 0", "height must be 'native' or a whole number of pixels from 1 to 8192"),
+        (
+            "height = 0",
+            "height must be 'auto', 'native' or a whole number of pixels from 1 to 8192",
+        ),
         ("height = ", "is not valid TOML"),
     ],
 )
@@ -145,22 +140,20 @@ def test_only_detectors_that_run_or_are_set_have_parameters(tmp_path: Path) -> N
     floors = resolve(models=["lgmd2"], assignments={"alarm.factor": "5", "alarm.plgmd_floor": "2"})
     assert list(floors.groups) == ["lgmd2", "plgmd", *common]
     assert floors.alarm.names()[-2:] == ("lgmd2_floor", "plgmd_floor")
-    assert (floors.alarm.factor, floors.alarm.floor_of("plgmd")) == (5, 2)
-    path = write(tmp_path, 'preset = "reference"\n[opplod]\ngain = 2')
-    filed = resolve(config=path)
+    assert (floors.alarm.factor, floors.alarm.rule_of("plgmd").floor) == (5, 2)
+    filed = resolve(config=write(tmp_path, "[opplod]\ngain = 2"))
     assert list(filed.groups) == ["opplod", "dlgmd", *common]
-    assert filed.alarm == resolve(preset="reference").alarm
+    assert filed.alarm == resolve().alarm
 
 
 def test_settings_of_all_detectors_keep_their_values() -> None:
     given = {"opplod.gain": 2, "rmo.sides": 2}
-    few = resolve(preset="reference", assignments=given)
+    few = resolve(assignments=given)
     every = few.with_all_detectors()
     assert list(every.groups) == [*detectors(), *list(few.groups)[2:]]
     assert all(every.groups[name] == group for name, group in few.groups.items() if name != "alarm")
     assert every.groups["opplod"].as_dict()["gain"] == 2
-    floor = alarm_floor_of("plgmd", "reference")
-    assert every.groups["alarm"].as_dict()["plgmd_floor"] == floor > 0
+    assert every.groups["alarm"].as_dict()["plgmd_floor"] == 20
     assert every.with_all_detectors() is every
     other = replace(few, groups={**few.groups, "alarm": few.alarm.replaced(factor=5)})
     assert other.with_all_detectors().alarm.factor == 5
