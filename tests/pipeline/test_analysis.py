@@ -98,7 +98,7 @@ def test_content_that_is_slower_than_its_file_answers_as_it_would_at_its_own_rat
             assert (record.luma_change, record.rmo) == (0, picture.rmo)
 
 
-@pytest.mark.parametrize(("crf", "most"), [(23, 0.08), (35, 0.3)])
+@pytest.mark.parametrize(("crf", "most"), [(23, 0.15), (35, 0.4)])
 def test_pictures_that_are_coded_anew_answer_as_they_would_at_their_own_rate(
     tmp_path: Path, crf: int, most: float
 ) -> None:
@@ -125,7 +125,7 @@ def test_pictures_that_are_coded_anew_answer_as_they_would_at_their_own_rate(
         [said.response or 0.0 for each in found if (said := each["opplod_reference"]).answer]
         for found in (own[6:], shown[12::2], shown[13::2])
     ]
-    assert values[1] == pytest.approx(values[0], rel=most, abs=0.05 * max(values[0]))
+    assert values[1] == pytest.approx(values[0], rel=most)
     assert values[2] == values[1]
 
 
