@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.page import CONDITIONS, INTERVALS, MEASURES
-from oppload_cli.models.columns import ALARM_DETAILS, COMMON, COMMON_DETAILS, RMO, VIEW, columns_of
+from oppload_cli.models.columns import ALL, COMMON, RMO, USUAL, VIEW, columns_of
 from oppload_cli.models.registry import default_names, detectors
 from oppload_cli.pipeline.settings import parameter_sets
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from oppload_cli.models.detector import Column, Detector
+    from oppload_cli.models.columns import RecordColumn
+    from oppload_cli.models.detector import Detector
     from oppload_cli.schema import Parameters
 
 DOCS = Path(__file__).parent
@@ -34,16 +35,16 @@ EXITS = {
 def formats() -> str:
     """Return the page of file formats and exit codes."""
     above, below = (DOCS / "formats.in.md").read_text(encoding="utf-8").split("<!-- columns -->\n")
-    tables = {name: columns_with(name, each) for name, each in detectors().items()}
-    parts = [above + "### Every result", columns(COMMON)]
+    tables = {name: columns_with(name, detector) for name, detector in detectors().items()}
+    parts = [above + "### Every result", columns(one for one in COMMON if one.of == USUAL)]
     parts += [line for name in default_names() for line in tables.pop(name)]
     seen = "Each detector that has a box also has these columns, with its name in front:\n"
-    parts += ["### With `--columns all`", columns(COMMON_DETAILS)]
+    parts += ["### With `--columns all`", columns(one for one in COMMON if one.of == ALL)]
     seen_by = (
         "Each detector also has the column `over_threshold`, with its name in front; a detector"
         " that has a box has all of these columns:\n"
     )
-    parts += [seen_by, columns(ALARM_DETAILS)]
+    parts += [seen_by, columns(general_details())]
     parts += ["### With `--fov`, and for stimuli with ground truth", seen, columns(VIEW)]
     parts += ["### Unless `--no-rmo`", columns(RMO) + below]
     parts += [
@@ -57,12 +58,20 @@ def formats() -> str:
 
 def columns_with(name: str, detector: type[Detector]) -> list[str]:
     """Return the lines about the columns of one detector."""
-    usual = columns_of(detector)
-    lines = [f"### With model `{name}`", columns(usual)]
-    general = {f"{name}_{each.name}" for each in ALARM_DETAILS}
-    details = columns_of(detector, details=True)[len(usual) :]
-    details = tuple(each for each in details if each.name not in general)
+    lines = [f"### With model `{name}`", columns(columns_of(detector))]
+    own = {f"{name}_{column.name}" for column in detector.details}
+    details = [one for one in columns_of(detector, details=True) if one.name in own]
     return lines + (["With `--columns all` also:\n", columns(details)] if details else [])
+
+
+def general_details() -> Iterable[RecordColumn]:
+    """Yield the columns that every detector with boxes has with ``--columns all``."""
+    detector = detectors()["opplod"]
+    own = {column.name for column in detector.details}
+    for column in columns_of(detector, details=True):
+        name = column.name.removeprefix(f"{detector.name}_")
+        if column.of == ALL and name not in own:
+            yield column._replace(name=name)
 
 
 def parameters() -> str:
@@ -71,11 +80,8 @@ def parameters() -> str:
         "# Parameters",
         "Set a parameter with `--set`, such as `--set opplod.gain=2` for the parameter `gain` of"
         " the set `opplod`, or in a configuration file (see `oppload config`).",
-        "The default *auto* follows from the working height of the video. The defaults are those"
-        " of preset `default`; `oppload models PRESET` lists what a preset changes. Of OppLoD,"
-        " `growth_share` to `opponency_floor` have an effect only with `judgement=agreement`,"
-        " as in preset `default`, and `graded` to `calcium_s` only with `judgement=arms`, as in"
-        " preset `lplc2`.",
+        "The default *auto* of a size follows from the working height; other values *auto* are"
+        " the detector's own.",
         "",
     ]
     for name, (meaning, kind) in parameter_sets().items():
@@ -90,7 +96,7 @@ def evaluation() -> str:
     """Return the page of the evaluation on labelled clips."""
     parts = [(DOCS / "evaluation.in.md").read_text(encoding="utf-8")]
     parts += ["## Ways to decide on an alarm", table(("condition", "meaning"), CONDITIONS.items())]
-    measures = ((f"`{name}`", each.title, each.unit, each.text) for name, each in MEASURES.items())
+    measures = ((f"`{name}`", one.title, one.unit, one.text) for name, one in MEASURES.items())
     parts += ["## Measures", table(("measure", "title", "unit", "definition"), measures)]
     parts += ["## Intervals", INTERVALS]
     return "\n".join(parts) + "\n"
@@ -98,12 +104,12 @@ def evaluation() -> str:
 
 def rows(kind: type[Parameters]) -> Iterable[tuple[str, ...]]:
     """Yield a row per parameter of a set."""
-    for each in kind.declared():
-        default = "auto" if each.default is None else str(each.default)
-        yield f"`{each.name}`", default, each.unit, each.allowed, each.meaning
+    for parameter in kind.declared():
+        default = "auto" if parameter.default is None else str(parameter.default)
+        yield f"`{parameter.name}`", default, parameter.unit, parameter.allowed, parameter.meaning
 
 
-def columns(these: Iterable[Column]) -> str:
+def columns(these: Iterable[RecordColumn]) -> str:
     """Return a table of columns."""
     return table(("column", "unit", "meaning"), ((f"`{c.name}`", c.unit, c.meaning) for c in these))
 

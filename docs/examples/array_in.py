@@ -9,6 +9,6 @@ for index, frame in enumerate(frames):
     half = round(6 / (1 - index / 62))  # as an approach at constant speed
     frame[max(0, 120 - half) : 120 + half, max(0, 160 - half) : 160 + half] = 0
 for record in oppload.analyse(frames, rate=30):
-    if record.alarms["opplod"]:
-        print(f"alarm at {record.time_s:.2f} s, box {record.boxes['opplod']}")
+    if record["opplod"].alarm:
+        print(f"alarm at {record.time_s:.2f} s, box {record['opplod'].box}")
         break

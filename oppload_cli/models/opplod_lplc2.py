@@ -257,7 +257,7 @@ def smoothing(elapsed: float, constant: float) -> float:
 class OpplodLplc2(CellDetector):
     """OppLoD with units like LPLC2 neurons; arguments as `Detector`.
 
-    Source: ``docs/lplc2.md``; ``docs/model.md``, sections 1, 2, 4 and 7.
+    Source: ``docs/lplc2.md``; ``docs/model.md``, sections 1, 2 and 4.
 
     Examples
     --------

@@ -54,6 +54,7 @@ ALL = "all"  # the word for all detectors in `names_of`
 # Presets of versions before 1.0, and the detectors that took their places.
 _GONE = {
     "default": "opplod",
+    "robust": "opplod",
     "reference": "opplod_reference",
     "paper": "opplod_paper",
     "lplc2": "opplod_lplc2",

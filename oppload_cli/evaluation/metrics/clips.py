@@ -75,7 +75,7 @@ class Output:
     # (n,): the number that the alarm compares with its threshold: the response, or shortly before
     # contact a multiple of the response.
     evidence: Numbers
-    # (n,): whether the detector's own alarm is on; None if its alarms are off, as under a preset
+    # (n,): whether the detector's own alarm is on; None if it has no alarm, as `opplod_paper`
     # without an alarm.
     alarm: Flags | None
     # (n, 4): left, top, width and height of the winning unit's receptive field in source pixels;
