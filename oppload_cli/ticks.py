@@ -26,6 +26,7 @@ _GAP_S = 0.5  # a longer time without a frame gives a remark; alarms begin anew 
 # A step is the time between two frames.
 _MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps
 _USUAL = 0.5  # a step is usual if it differs from the median by at most this share of the median
+_ROUNDED = TICKS_PER_S // 1000  # to which the times of an input without a known tick may be rounded
 _LATEST_STEPS = 15  # a wrong time is replaced by the median of the latest 15 steps
 _CONTRADICTION = 0.1  # a larger relative difference from the declared rate gives a remark
 # At a mean of less than 100 frames/s no camera takes pictures less than 5 ms apart. Frames that
@@ -49,7 +50,8 @@ def ticks(seconds: float | Fraction) -> int:
     >>> oppload.ticks(1 / 30)
     23520000
     """
-    return round(Fraction(seconds) * TICKS_PER_S)
+    exact = seconds if isinstance(seconds, Fraction) else Fraction(float(seconds))
+    return round(exact * TICKS_PER_S)
 
 
 def seconds_of(time: int) -> float:
@@ -91,27 +93,37 @@ class FrameTimes:
         self._in_bursts = 0  # number of frames that came right after the frame before
         self.wrong = 0  # number of times that were not later than the time before
 
-    def step(self, time: int) -> int:
-        """Take the time of the next frame in ticks, as the input gives it; return its own time."""
+    def step(self, time: int, *, corrected: bool = False) -> int:
+        """Take the time of the next frame in ticks, as the input gives it; return its own time.
+
+        `corrected` tells that the time was wrong, and that another `FrameTimes` put it right.
+        """
         before, now = self._corrected, time + self._shift
         if not self._frames:
             self._first = now
-        elif now > before:
-            now = self._later(now, now - before)
-        else:
+        elif corrected or now <= before:
             self._first_wrong = self._first_wrong or self._frames
             self.wrong += 1
-            usual = self._usual_step()
-            end = now + self._tick  # of the tick in which the input says that the frame is
-            if time >= self._given and before + 1 < end:
-                now = before + min(usual, (end - before) // 2)
-            else:
-                now = before + usual
-                if time > self._given:  # the clock goes on from the earlier time
-                    self._shift = now - time
+            if not corrected:
+                now = self._put_right(time, now)
+            if self._usual_step() <= self._tick:  # the clock is too coarse for the frame rate
+                self._count(now - before)
+        else:
+            now = self._later(now, now - before)
         self._corrected, self._given = now, time
         self._frames += 1
         return now
+
+    def _put_right(self, time: int, now: int) -> int:
+        """Return the time of a frame that is not later than the frame before."""
+        before, usual, tick = self._corrected, self._usual_step(), self._tick
+        rest = now + tick - before  # of the tick in which the input says that the frame is
+        if time >= self._given and rest > 1:
+            # The next frames have half of the tick left, a third, a quarter and so on.
+            return before + min(usual, rest - rest * tick // (rest + tick))
+        if time > self._given:  # the clock goes on from the earlier time
+            self._shift = before + usual - time
+        return before + usual
 
     def _later(self, now: int, step: int) -> int:
         """Count a step to a later frame; return its time after a shift was taken back in part."""
@@ -121,15 +133,18 @@ class FrameTimes:
             now -= taken_back
         if step > self._longest:
             self._longest, self._gap_from = step, self._corrected
-        self._latest.append(step)
         self._in_bursts += step < _BURST
+        self._count(step)
         # The usual step is counted instead of the step, which may be a pause of hours.
         usual = median_low(self._latest)
         if len(self._latest) == _LATEST_STEPS and usual * _LEAST_RATE > TICKS_PER_S:
             self._slow += usual
+        return now
+
+    def _count(self, step: int) -> None:
+        self._latest.append(step)
         if len(self._steps) < _MOST_STEPS:
             self._steps.append(step)
-        return now
 
     def _usual_step(self) -> int:
         if self._latest:
@@ -153,13 +168,14 @@ class FrameTimes:
         """Frames per second, from the usual steps among the first 1024; None for one frame.
 
         A step is usual if it differs from the median by at most half of the median, or by a tick of
-        the input. The rate is 1 over the mean of these steps; their median would be less exact,
-        because files round times.
+        the input (1 ms if it is not known). The rate is 1 over the mean of these steps; their
+        median would be less exact, because files round times.
         """
         if not self._steps:
             return None
         middle = median_low(self._steps)  # one of the steps, so that at least one is usual
-        spread = max(_USUAL * middle, self._tick)
+        tick = self._tick if self._tick > 1 else _ROUNDED
+        spread = max(_USUAL * middle, tick)
         return TICKS_PER_S / fmean(step for step in self._steps if abs(step - middle) <= spread)
 
     def as_dict(self) -> dict[str, Any]:
@@ -188,7 +204,8 @@ class FrameTimes:
         if rate is None:
             return remarks
         most = max(_SHARE_IN_BURSTS * self._frames, _FEW_IN_BURSTS)
-        if self._in_bursts > most and self.seconds > 2 * seconds_of(_BURST) * self._frames:
+        without_pause_s = self.seconds - seconds_of(self._longest)
+        if self._in_bursts > most and without_pause_s > 2 * seconds_of(_BURST) * self._frames:
             remarks.append(
                 f"{self._in_bursts} frames come less than {1000 * seconds_of(_BURST):.0f} ms after "
                 "the frame before, as in bursts over a network; times to contact are wrong unless "

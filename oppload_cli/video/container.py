@@ -90,6 +90,7 @@ _NOT_CODED_BYTES = 19  # at most, as FFmpeg has it
 # The clock of these streams has 33 bits. FFmpeg takes a step back by some time, as where streams
 # were joined, for a clock that began anew, and adds 2^33.
 _WRAPPING, _WRAP = {"mpegts", "mpeg"}, 1 << 33
+_FINE_TICKS = 1000  # per second; from here on a tick has hardly ever a frame of its own
 _HELD_BACK = 4  # most frames by which video codecs change the order of frames in practice
 # Decoders that log errors for intact files too, with the beginnings of those errors that mean
 # damage. H.264 logs errors for streams of cameras, but marks the frames that it conceals. MJPEG
@@ -208,18 +209,19 @@ class ContainerSource(PictureSource):
             return max(0, declared - self._not_coded - self.decode.decoded)
         end = declared_end(self._container, self._stream)
         first, base = self._first.pts, self._stream.time_base
-        if not self._rate or end is None or first is None or base is None:
+        if end is None or first is None or base is None:
             return 0
-        rate = float(self._rate)
+        latest_s = seconds_of(self._latest_time)
+        # The declared rate may be far too high.
+        measured = (self.decode.decoded - 1) / (latest_s or math.inf)
+        stated = float(self._rate or measured)
+        rate = min(stated, measured) or stated
         # Up to 1.5 frame durations may lack without damage: programs round durations, only some
         # programs count the last frame's duration, and at a variable rate it is unknown.
-        latest_s = seconds_of(self._latest_time)
         lost = end - float(first * base) - latest_s
-        if lost <= 1.5 * max(1 / rate, seconds_of(self._longest_gap)):
+        if not rate or lost <= 1.5 * max(1 / rate, seconds_of(self._longest_gap)):
             return 0
-        # FFmpeg's rate may be far too high, for example for a Matroska file that states none.
-        measured = (self.decode.decoded - 1) / (latest_s or math.inf)
-        return max(1, round(lost * (min(rate, measured) or rate) - 1))
+        return max(1, round(lost * rate - 1))
 
     def _prepare(self) -> None:
         """Set the options of the decoder, and open it."""
@@ -485,11 +487,19 @@ class ContainerSource(PictureSource):
     def _declared_rate(self) -> Fraction | None:
         """Return the rate that the file declares; None for a guess of FFmpeg that is wrong.
 
-        For a file that declares no rate FFmpeg takes one frame per tick of its clock.
+        For a file that declares no rate FFmpeg takes one frame per tick of its clock, or an average
+        over pauses and dropped frames.
         """
         rate, base = declared_rate(self._stream), self._stream.time_base
-        if self._read_once or rate is None or base is None or rate * base != 1:
+        if rate is None or base is None:
             return rate
+        guessed = rate * base == 1 or (
+            self._container.format.name.startswith("mov") and rate != self._stream.guessed_rate
+        )
+        if not guessed:
+            return rate
+        if self._read_once:
+            return rate if rate < _FINE_TICKS else None
         usual = usual_rate(self.name)
         return rate if usual is None or is_near(rate, usual) else None
 
@@ -509,7 +519,11 @@ class ContainerSource(PictureSource):
             raise no_true_rate(facts.name, "it states no rate")
         self._slowed = true_rate / self._rate
         self.facts = replace(
-            facts, frame_rate=true_rate, rate_in_file=self._rate, rate_assumed=False
+            facts,
+            frame_rate=true_rate,
+            rate_in_file=self._rate,
+            rate_assumed=False,
+            tick_s=facts.tick_s and facts.tick_s / self._slowed,
         )
 
 

@@ -45,9 +45,10 @@ def declared_rate(stream: VideoStream) -> Fraction | None:
         rates.insert(0, stream.guessed_rate)
     if stream.container.format.flags & _NO_TIMES:  # FFmpeg assumes 25; the codec may know better
         rates.insert(0, stream.codec_context.framerate)
-    ticks = _ticks_per_frame(stream)
-    if ticks > 1 and stream.time_base:
-        rates.insert(0, 1 / (ticks * stream.time_base))
+    steps, usual = _steps(stream), _ticks_per_frame(stream)
+    if usual > 1 and stream.time_base:
+        near = [step for step in steps if abs(step - usual) <= usual / 2]
+        rates.insert(0, len(near) / (sum(near) * stream.time_base))
     return next((Fraction(rate) for rate in rates if rate), None)
 
 
@@ -61,16 +62,21 @@ def is_rate_assumed(stream: VideoStream) -> bool:
     return raw and not stream.codec_context.framerate
 
 
+def _steps(stream: VideoStream) -> list[int]:
+    """Return the ticks between the first frames of an AVI file; none for other files."""
+    if stream.container.format.name != "avi":
+        return []
+    times = [entry.timestamp for entry in islice(stream.index_entries, _SAMPLED_ENTRIES)]
+    return [after - before for before, after in pairwise(times)]
+
+
 def _ticks_per_frame(stream: VideoStream) -> int:
     """Return the usual number of ticks between two frames of an AVI file; 1 for other files.
 
     AVI files count in ticks. In most files each tick has a frame. But a program that copies a video
     from another container may keep that container's fine ticks, and most of these have no frame.
     """
-    if stream.container.format.name != "avi":
-        return 1
-    times = [entry.timestamp for entry in islice(stream.index_entries, _SAMPLED_ENTRIES)]
-    return max(1, median_low([after - before for before, after in pairwise(times)] or [1]))
+    return max(1, median_low(_steps(stream) or [1]))
 
 
 def declared_frames(stream: VideoStream) -> int | None:

@@ -151,8 +151,10 @@ def usual_rate(name: str) -> Fraction | None:
     """
     with open_container(name, 0) as container:
         stream = video_stream(name, container)
-        packets = islice(container.demux(stream), _SAMPLED_PACKETS)
-        given = {packet.pts for packet in packets if packet.pts is not None}
+        given = []
+        with suppress(av.error.FFmpegError, OSError, IndexError):  # of a damaged file the start
+            for packet in islice(container.demux(stream), _SAMPLED_PACKETS):
+                given += [] if packet.pts is None else [packet.pts]
         times = FrameTimes(None, stream.time_base)
         for pts in sorted(given):
             times.step(ticks(pts * (stream.time_base or 0)))

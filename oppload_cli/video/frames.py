@@ -116,6 +116,7 @@ class Picture:
     full_range: bool = True  # False: luma runs from 16 to 235 (for 8 bits)
     # The same picture in colour; an array holds blue, green and red, shape (rows, columns, 3).
     original: VideoFrame | NDArray[np.uint8] | None = None
+    corrected: bool = False  # whether the input gave a time that was wrong
 
 
 @dataclass(frozen=True)

@@ -191,11 +191,11 @@ class _DecodingProcess(PictureSource):
         index, ordinal = -1, 0
         try:
             while not isinstance(message := self._received(), DecodeFacts):
-                index, time, bits, full_range, shape, dtype = message
+                index, time, bits, full_range, corrected, shape, dtype = message
                 samples = np.frombuffer(self._slots.of(ordinal), dtype)
                 plane = samples[: shape[0] * shape[1]].reshape(shape)
                 ordinal += 1
-                yield Picture(index, time, plane, bits, full_range)
+                yield Picture(index, time, plane, bits, full_range, corrected=corrected)
                 if not ordinal % self._slots.at_once:
                     self._free_slots()
             self.decode = message
@@ -299,7 +299,7 @@ def _decode(
                 in_use -= slots.at_once
             slots.of(ordinal)[: plane.nbytes] = plane.tobytes()
             facts = (picture.index, picture.time, picture.bits, picture.full_range)
-            theirs.send((*facts, plane.shape, plane.dtype.str))
+            theirs.send((*facts, picture.corrected, plane.shape, plane.dtype.str))
             in_use += 1
         theirs.send(source.decode)
     except BaseException as error:

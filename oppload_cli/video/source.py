@@ -151,7 +151,7 @@ class Video:
         set_by_s = time() - perf_counter()  # once, as somebody may set the clock during the run
         for picture in self._span.within(self._source):
             colour = self._colour(picture) if self._colour else None
-            time_of = self.times.step(picture.time)
+            time_of = self.times.step(picture.time, corrected=picture.corrected)
             if self.facts.live:
                 self.times.arrived(set_by_s + perf_counter())
             luma = self._luminance(picture)

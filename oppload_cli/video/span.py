@@ -110,9 +110,9 @@ class Span:
         start, its pictures also get these times, which they would have in the complete input. If
         this part reaches the end of the input, it calls `finish` of the source.
         """
-        times = FrameTimes(source.facts.frame_rate, source.facts.tick_s)
+        times = FrameTimes(source.facts.rate_declared, source.facts.tick_s)
         start, end, begin = self.start, self.end or self.duration, (0, 0)
-        before, first = 0, True
+        first = True
         for picture in source.pictures():
             if source.stopping:
                 return
@@ -122,15 +122,16 @@ class Span:
                 if not start.reached(picture.index, time):
                     continue
                 start = None  # it is reached
-            elif times.wrong > wrong_before:
-                time = before  # not later than before: so the caller corrects and counts it
             if first and self.duration is not None:  # it counts from the first picture
                 begin = picture.index, time
             first = False
             if end is not None and end.reached(picture.index, time, begin):
                 return
-            before = time
-            yield picture if self.start is None else replace(picture, time=time)
+            if self.start is None:
+                yield picture
+            else:
+                wrong = times.wrong > wrong_before
+                yield replace(picture, time=time, corrected=wrong)
         source.finish()
 
 

@@ -32,7 +32,7 @@ def test_large_pictures_that_state_no_colour_space_have_that_of_hd(
     codes[height : height * 5 // 4], codes[height * 5 // 4 :] = 128, 200
     frame = av.VideoFrame.from_ndarray(codes, "yuv420p")
     colour = Colour(InputFacts("a", "container", width, height, Fraction(30), None), (64, 48))
-    shown = colour(Picture(0, 0.0, codes, full_range=False, original=frame))
+    shown = colour(Picture(0, 0, codes, full_range=False, original=frame))
     red = 255 * ((100 - 16) / 219 + weight * (200 - 128) / 224)
     assert shown[..., 2].mean() == pytest.approx(red, abs=4)  # 14 apart
 
@@ -126,7 +126,7 @@ def test_no_side_is_longer_than_1920() -> None:
         facts = InputFacts("a", "images", width, height, Fraction(30), 1)
         assert colour_size(facts) == expected
         original = flat(width, height)
-        picture = Colour(facts)(Picture(0, 0.0, original[:, :, 0], original=original))
+        picture = Colour(facts)(Picture(0, 0, original[:, :, 0], original=original))
         assert picture.shape == (expected[1], expected[0], 3)
         assert (picture == VERMILLION).all()
 
@@ -142,7 +142,7 @@ def test_every_picture_has_the_size_of_the_first(tmp_path: Path) -> None:
 def test_a_picture_that_cannot_be_converted_is_grey() -> None:
     facts = InputFacts("a", "container", 8, 6, None, None)
     plane = np.full((6, 8), 16 + 219 // 2, np.uint8)
-    grey = Colour(facts)(Picture(0, 0.0, plane, 8, False))
+    grey = Colour(facts)(Picture(0, 0, plane, 8, False))
     assert (grey == round(109 / 219 * 255)).all()
 
 

@@ -15,7 +15,8 @@ from av.bitstream import BitStreamFilterContext
 from PIL import Image
 
 from oppload_cli.errors import ParameterError, SourceError, shortage
-from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
+from oppload_cli.models.registry import default_names, detector_named
+from oppload_cli.ticks import seconds_of
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import MAX_PIXELS
@@ -197,20 +198,23 @@ def test_the_rate_of_a_raw_stream_that_states_none_is_assumed(tmp_path: Path) ->
 
 
 def test_slow_motion_has_the_times_of_its_true_rate(tmp_path: Path) -> None:
-    """Also at uneven times; the end that the file declares is still that of its own clock."""
+    """Also at uneven times; the end that the file declares is still that of its own clock.
+
+    The usual step is 0.1 s, although 30 frames/s are declared.
+    """
     times = [10, 20, 50, 60, 100]
     path = write_video(tmp_path / "a.mkv", grey_frames(5), times=times, time_base=Fraction(1, 100))
     span = Span(start=Position(seconds=0.05))
     with open_video(path) as video:
         own = [frame.time_s for frame in video]
-        rate = video.facts.frame_rate
-        assert rate
+        assert video.facts.frame_rate == 30
     for part, indices in ((None, [0, 1, 2, 3, 4]), (span, [3, 4])):
-        with open_video(path, span=part, true_rate=10 * rate) as video:
+        with open_video(path, span=part, true_rate=100) as video:
             found = [(frame.index, frame.time_s) for frame in video]
         assert [index for index, _ in found] == indices
         assert [time_s for _, time_s in found] == pytest.approx([own[n] / 10 for n in indices])
-        assert (video.facts.frame_rate, video.facts.rate_in_file) == (10 * rate, rate)
+        assert (video.facts.frame_rate, video.facts.rate_in_file) == (Fraction(100), Fraction(10))
+        assert video.facts.tick_s == Fraction(1, 10_000)
         assert video.decode.complete
 
 
@@ -366,9 +370,9 @@ def test_the_width_follows_the_height(tmp_path: Path) -> None:
     assert np.abs(frame.luma - blocks).max() <= 0.51 / 255
 
 
-def test_the_usual_working_height_is_that_of_the_default_preset() -> None:
+def test_the_usual_working_height_is_that_of_the_default_detectors() -> None:
     height = inspect.signature(open_video).parameters["height"].default
-    assert height == PRESETS[DEFAULT_PRESET].height
+    assert {detector_named(name).height for name in default_names()} == {height}
 
 
 @pytest.mark.parametrize("height", [0, -1, "240", 24.5])
@@ -483,7 +487,8 @@ def test_frames_before_a_declared_end_are_counted_by_the_times_of_the_others(
                 packet.duration = last_ms if time_ms == times_ms[-1] else 1
                 target.mux(packet)
     with open_video(path) as video:
-        assert (len(list(video)), video.facts.frame_rate) == (5, Fraction(rate))
+        declared = Fraction(30) if rate == 30 else None  # 1000 ticks per second are no rate
+        assert (len(list(video)), video.facts.frame_rate) == (5, declared)
         assert video.decode.messages == messages
 
 
@@ -505,7 +510,7 @@ def test_decode_times_that_are_written_as_presentation_times(tmp_path: Path, thr
     found = ContainerSource(str(wrong), threads)
     assert found._stream.codec_context.has_b_frames
     for one, other in zip(expected.pictures(), found.pictures(), strict=True):
-        assert other.time_s == pytest.approx(one.time_s, abs=1e-4)
+        assert seconds_of(other.time) == pytest.approx(seconds_of(one.time), abs=1e-4)
         np.testing.assert_array_equal(one.plane, other.plane)
 
 

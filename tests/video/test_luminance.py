@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.ticks import in_digits
 from oppload_cli.video.frames import (
     InputFacts,
     Picture,
     WorkingSize,
     frames_ahead,
-    in_digits,
     sizes_in_words,
 )
 from oppload_cli.video.luminance import Luminance, luminance_table
@@ -108,13 +108,13 @@ def test_every_code_has_the_luminance_of_the_table(
     assert np.unique(codes).size == 256
     height, width = codes.shape
     convert = Luminance(WorkingSize(width, height, 1.0, 1.0))
-    found = convert(Picture(0, 0.0, codes, 8, full_range))
+    found = convert(Picture(0, 0, codes, 8, full_range))
     np.testing.assert_array_equal(found, luminance_table(8, full_range)[codes])
 
 
 def test_enlarging_is_allowed() -> None:
     convert = Luminance(WorkingSize(8, 8, 0.5, 0.5))
-    luma = convert(Picture(0, 0.0, np.full((4, 4), 255, np.uint8)))
+    luma = convert(Picture(0, 0, np.full((4, 4), 255, np.uint8)))
     assert luma.shape == (8, 8)
     assert (luma == 1).all()
 
@@ -134,7 +134,7 @@ def test_shrinking_averages_areas(
     rng = np.random.default_rng(3)
     plane: Any = rng.integers(0, 2**bits, source, np.uint8 if bits == 8 else np.uint16)
     size = WorkingSize(working[1], working[0], 1.0, 1.0)
-    luma = Luminance(size)(Picture(0, 0.0, plane, bits=bits))
+    luma = Luminance(size)(Picture(0, 0, plane, bits=bits))
     down, across = (areas(a, b) for a, b in zip(source, working, strict=True))
     exact = down @ plane.astype(np.float64) @ across.T
     error = luma * (2**bits - 1) - exact

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oppload_cli.video.frames import DecodeFacts, FrameTimes
+from oppload_cli.ticks import FrameTimes, seconds_of, ticks
+from oppload_cli.video.frames import DecodeFacts
+
+MS = Fraction(1, 1000)
 
 
-def taken(times: list[float], rate: float | None = None) -> tuple[list[float], FrameTimes]:
-    kept = FrameTimes(rate)
-    return [kept.step(time_s) for time_s in times], kept
+def taken(
+    times: list[float], rate: float | None = None, tick_s: Fraction | None = None
+) -> tuple[list[float], FrameTimes]:
+    """Return the own times of frames in seconds, and the `FrameTimes`; tick_s is the input's."""
+    kept = FrameTimes(rate, tick_s)
+    return [seconds_of(kept.step(ticks(time_s))) for time_s in times], kept
 
 
 def test_times_that_increase_stay_as_they_are() -> None:
     times = [0.5, 0.54, 0.58, 0.7, 0.74]
     found, kept = taken(times, 25)
-    assert found == times
+    assert found == pytest.approx(times, abs=1e-9)
     assert kept.remarks() == []
     assert kept.rate == pytest.approx(25)
     assert kept.as_dict()["longest_step_s"] == pytest.approx(0.12)
@@ -43,7 +50,7 @@ def test_frames_that_arrive_in_bursts_give_a_remark() -> None:
         bursts = [pair / 15 + late for pair in range(pairs) for late in (0, step_s)]
         given = [*bursts, *(pairs / 15 + t / 30 for t in range(60))]
         found, kept = taken(given)
-        assert found == given
+        assert found == pytest.approx(given, abs=1e-9)
         notes = [note.partition(",")[0] for note in kept.remarks()]
         assert notes == ["11 frames come less than 5 ms after the frame before"] * said
     assert taken([t / 240 for t in range(240)])[1].remarks() == []  # of a fast camera
@@ -53,7 +60,7 @@ def test_time_zero_is_that_of_the_frame_with_the_least_delay() -> None:
     kept = FrameTimes(None)
     assert kept.as_dict()["zero_utc"] is None
     for time_s, delay_s in ((0, 0.5), (0.04, 0.25), (0.08, 1.0)):
-        kept.step(time_s)
+        kept.step(ticks(time_s))
         kept.arrived(1.8e9 + time_s + delay_s)
     assert kept.as_dict()["zero_utc"] == "2027-01-15T08:00:00.250000+00:00"
 
@@ -95,7 +102,7 @@ def test_two_frames_that_change_places_shift_nothing_for_long() -> None:
 
 
 def test_a_clock_that_is_set_back_goes_on() -> None:
-    given = [*STEADY[:30], *(each - 3 for each in STEADY[30:])]
+    given = [*STEADY[:30], *(time_s - 3 for time_s in STEADY[30:])]
     found, kept = taken(given, 25)
     assert found[30:] == pytest.approx(STEADY[30:])
     assert np.diff(found)[32:] == pytest.approx(0.04)
@@ -110,12 +117,13 @@ def test_times_that_all_stand_still_follow_by_the_declared_rate() -> None:
 
 @pytest.mark.parametrize("rate", [10, 24, 29.97, 30, 60, 120, 240, 480, 700, 1000])
 @pytest.mark.parametrize("lost", [0, 7, 20])
+@pytest.mark.parametrize("tick_s", [None, MS])
 def test_the_rate_is_right_although_times_are_rounded_and_frames_are_lost(
-    rate: float, lost: int
+    rate: float, lost: int, tick_s: Fraction | None
 ) -> None:
     """Times in whole milliseconds, as in Matroska; their median step alone says 30.3 for 30."""
-    counts = np.delete(np.arange(300), [20 + 9 * each + np.arange(3) for each in range(lost)])
-    _, kept = taken([round(1000 * count / rate) / 1000 for count in counts], rate)
+    counts = np.delete(np.arange(300), [20 + 9 * gap + np.arange(3) for gap in range(lost)])
+    _, kept = taken([round(1000 * count / rate) / 1000 for count in counts], rate, tick_s)
     assert kept.rate == pytest.approx(rate, rel=0.01)
     assert kept.as_dict()["frames_per_s"] == pytest.approx(rate, rel=0.01)
     assert kept.remarks() == []
@@ -133,9 +141,7 @@ def test_the_rate_is_that_of_the_first_1024_steps() -> None:
 
 
 def test_the_rate_is_that_of_the_shorter_steps_if_half_of_the_steps_are_much_longer() -> None:
-    kept = FrameTimes(None)
-    for time_s in (0, 0.04, 0.2, 0.24, 0.4):
-        kept.step(time_s)
+    _, kept = taken([0, 0.04, 0.2, 0.24, 0.4])
     assert kept.rate == pytest.approx(25)
 
 
