@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import oppload_cli
-from oppload_cli import AlarmParams, Box, Column, Detector, Response, alarm_params
+from oppload_cli import AlarmParams, AlarmRule, Box, Column, Detector, Response, alarm_params
 from oppload_cli.annotation.frame import Layout
 from oppload_cli.cli import main
 from oppload_cli.errors import DetectorError, ParameterError
@@ -56,7 +56,7 @@ class Toy(Detector):
     details = (Column("count", "px", "how many pixels darkened"),)
     parameters, responses, places = ToyParams, ToyResponse, True
     year, reference, answers_to, made_for, cost_ms = 2021, "Somebody", "darkening", "tests", 0.5
-    alarm_floors: ClassVar = {"default": 0.02}
+    alarm: ClassVar = AlarmRule(0.02)
     before: Map | None = None
 
     def reset(self) -> None:
@@ -127,15 +127,16 @@ def test_its_columns_stand_in_the_table(result: Path) -> None:
     table = rows(result)
     own = [name for name in table[0] if name.startswith("toy_")]
     assert own == [
-        *("toy_response", "toy_alarm", "toy_x", "toy_y", "toy_width", "toy_height"),
-        *("toy_unit_x", "toy_unit_y", "toy_darkest"),
+        *("toy_response", "toy_threshold", "toy_alarm"),
+        *("toy_x", "toy_y", "toy_width", "toy_height"),
+        *("toy_unit_x", "toy_unit_y", "toy_contact_s", "toy_darkest"),
     ]
     assert not any("opplod" in name for name in table[0])
     model = Toy((SIDE, SIDE))
     for row, frame in zip(table, approach(), strict=True):
         answer = model.step(frame.astype(np.float32) / np.float32(255))
         if answer is None:
-            assert [row[name] for name in own] == ["", "0", *[""] * (len(own) - 2)]
+            assert [row[name] for name in own] == ["", str(FLOOR), "0", *[""] * (len(own) - 3)]
             continue
         assert isinstance(answer, ToyResponse)
         assert float(row["toy_response"]) == pytest.approx(answer.response, rel=1e-8)
@@ -159,8 +160,10 @@ def test_its_inner_values_have_columns_where_all_are_wanted(
     table = rows(tmp_path)
     usual = [name for name in rows(result)[0] if name.startswith("toy_")]
     own = [name for name in table[0] if name.startswith("toy_")]
-    left = ("evidence_over_threshold", "time_to_contact_s", "time_to_contact_error_s")
-    assert own == [*usual, "toy_count", "toy_over_threshold", *(f"toy_{each}" for each in left)]
+    assert own == [
+        *(*usual, "toy_count", "toy_over_threshold"),
+        *("toy_evidence_over_threshold", "toy_contact_error_s"),
+    ]
     over = [float(row["toy_over_threshold"]) for row in table[1:]]
     at_floor = [float(row["toy_response"]) / FLOOR for row in table[1:]]
     assert max(over) > 1
@@ -185,8 +188,7 @@ def test_wrong_columns_and_models_are_refused() -> None:
 
 def test_all_models_have_one_name() -> None:
     shown = oppload("config", "--model", "all", "--model", "toy").stdout
-    named = [name for name, each in registry.detectors().items() if not each.variant_of]
-    assert f"models = {json.dumps(named)}  # command line" in shown
+    assert f"models = {json.dumps(list(registry.detectors()))}  # command line" in shown
 
 
 def test_frames_that_are_too_small_are_refused(
@@ -272,7 +274,7 @@ def test_its_parameters_may_be_of_several_kinds(clip: Path, tmp_path: Path) -> N
             "",
         ]
         described = json.loads(oppload("models", "kinds", "--json").stdout)["parameters"]["kinds"]
-        assert [each["default"] for each in described] == [0.1, [3, 4], "1/30", "dark", True, ""]
+        assert [entry["default"] for entry in described] == [0.1, [3, 4], "1/30", "dark", True, ""]
         printed = oppload("config", "--model", "kinds", *words).stdout
         (tmp_path / "kinds.toml").write_text(printed, encoding="utf-8")
         for settings in (words, ["--config", tmp_path / "kinds.toml"]):
@@ -299,7 +301,7 @@ def test_its_box_is_drawn_in_its_colour(result: Path) -> None:
     layout = Layout.of(facts(SIDE, SIDE))
     paint = np.array(bgr(Toy.colour))
     with av.open(str(result / "clip.annotated.mp4")) as container:
-        frames = [each.to_ndarray(format="bgr24") for each in container.decode(video=0)]
+        frames = [picture.to_ndarray(format="bgr24") for picture in container.decode(video=0)]
     for row, frame in zip(rows(result), frames, strict=True):
         picture = frame[layout.picture.slices]
         painted = np.abs(picture.astype(int) - paint).max(axis=2) < 60
@@ -317,7 +319,7 @@ def test_its_box_is_drawn_in_its_colour(result: Path) -> None:
 
 def test_its_detections_are_listed(result: Path) -> None:
     lines = (result / "clip.detections.jsonl").read_text().splitlines()
-    found = {each["frame"]: each for each in map(json.loads, lines)}
+    found = {listed["frame"]: listed for listed in map(json.loads, lines)}
     for row in rows(result):
         assert (int(row["frame"]) in found) == (row["toy_x"] != "")
     last = found[FRAMES - 1]
@@ -354,7 +356,7 @@ def test_it_has_rows_in_an_evaluation(clip: Path, tmp_path: Path) -> None:
     )
     done = oppload(
         "evaluate", tmp_path / "manifest.csv", "-o", tmp_path / "out", "-j", "1",
-        "--draws", "100", "--model", "opplod:reference",
+        "--draws", "100", "--model", "opplod_reference",
     )  # fmt: skip
     assert (done.returncode, "Toy" in done.stderr) == (0, True)
     own = {
@@ -382,12 +384,12 @@ def test_one_model_is_described_and_measured() -> None:
     assert "made for: tests\n" in text
     assert "cost: about 0.5 ms per frame of 427 x 240 on one core\n" in text
     assert "opplod" not in text
-    assert "presets" not in text
+    assert "working height: 240 px\n" in text
     name, cost, unit = oppload("models", "toy", "--measure").stdout.split(maxsplit=2)
     assert (name, unit) == ("toy", "ms per frame\n")
     assert float(cost) >= 0
     unknown = oppload("models", "tooy")
-    assert "no model, preset or settings 'tooy'; did you mean 'toy'" in unknown.stderr
+    assert "no model or settings 'tooy'; did you mean 'toy'" in unknown.stderr
 
 
 def test_it_is_among_the_models() -> None:
@@ -395,28 +397,28 @@ def test_it_is_among_the_models() -> None:
     assert [line.split() for line in text.splitlines() if "toy" in line] == [
         ["toy", "0.5", "darkening"]
     ]
-    text = oppload("models", "toy", "alarm", "default", "reference").stdout
+    text = oppload("models", "toy", "alarm").stdout
     assert f"toy  ({Toy.meaning})" in text
     assert "darkening from which a pixel counts" in text
-    assert "an alarm of Toy needs a response above this" in text
-    assert "  every parameter has its default\n" in text
-    assert "  opplod.judgement = pooled\n" in text
+    assert f"alarm: above {FLOOR}, and 8 times the median of the background\n" in text
     described = json.loads(oppload("models", "--json").stdout)
     assert described["models"]["toy"] == {
         "label": "Toy", "meaning": Toy.meaning, "by_default": False, "places": True,
         "year": 2021, "reference": "Somebody", "answers_to": "darkening", "made_for": "tests",
-        "cost_ms": 0.5,
+        "cost_ms": 0.5, "height": 240, "interval": "1/30",
+        "alarm": {
+            "floor": FLOOR, "factor": 8.0, "enough_s": 0.0, "window_s": 0.0, "why_none": "",
+        },
     }  # fmt: skip
     (entry,) = described["parameters"]["toy"]
     assert (entry["name"], entry["default"]) == ("least", 0.1)
-    assert described["presets"]["reference"]["alarm"]["toy_floor"] == FLOOR
 
 
 def test_its_settings_are_printed_and_read_again(tmp_path: Path) -> None:
     printed = oppload("config", "--model", "toy", "--set", "toy.least=0.25").stdout
     assert 'models = ["toy"]  # command line' in printed
     assert "[toy]\nleast = 0.25  # command line\n" in printed
-    assert f"toy_floor = {FLOOR}  # preset default" in printed
+    assert f"toy_floor = {FLOOR}  # default" in printed
     (tmp_path / "toy.toml").write_text(printed)
     again = oppload("config", "--config", tmp_path / "toy.toml").stdout
     assert f"least = 0.25  # {tmp_path / 'toy.toml'}" in again
@@ -443,7 +445,7 @@ def test_without_its_line_nothing_knows_of_it() -> None:
         assert "toy" not in oppload("config").stdout
         unknown = oppload("run", "clip.avi", "--model", "toy")
         assert (unknown.returncode, "no model 'toy'" in unknown.stderr) == (2, True)
-        assert alarm_params().floor_of("opplod") == AlarmParams().floor_of("opplod")
+        assert alarm_params().rule_of("opplod") == AlarmParams().rule_of("opplod")
     finally:
         registry.register(Toy)
 
@@ -461,3 +463,61 @@ def test_an_answer_of_another_class_is_an_error(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Toy, "step", lambda *_: Response(0.0))
     with pytest.raises(DetectorError, match="step returned Response, not a ToyResponse or None"):
         bank.step(np.zeros((9, 9), np.float32))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LowParams(Parameters):
+    pass
+
+
+class Low(Detector):
+    """It is made for frames of 120 rows, and says what it got."""
+
+    name, label, colour, parameters = "low", "Low", "#00AAAA", LowParams
+    meaning, height, places = "the darkest place of a small frame", 120, True
+    alarm: ClassVar = AlarmRule(0.5, factor=0.0)
+    columns = (Column("rows", "px", "height of the frame"),)
+
+    @dataclass(frozen=True)
+    class LowResponse(Response):
+        rows: int = 0
+
+    responses = LowResponse
+
+    def reset(self) -> None:
+        pass
+
+    def step(self, luma: Map) -> Response:
+        rows, columns = luma.shape
+        row, column = divmod(int(luma.argmin()), columns)
+        return self.LowResponse(1 - float(luma.min()), Box(column, row, 1, 1), rows)
+
+
+def test_a_detector_may_have_a_working_height_of_its_own(tmp_path: Path) -> None:
+    """OppLoD beside it gets its own frames, and answers as it does alone."""
+    registry.register(Low)
+    try:
+        grey = [np.full((360, 480), 200 - 10 * t, np.uint8) for t in range(20)]
+        for t, frame in enumerate(grey):
+            frame[180 : 180 + 6 * t, 240 : 240 + 6 * t] = 0 if t > 5 else 150
+        path = write_video(tmp_path / "clip.mkv", grey)
+        for name in ("opplod", "opplod,low"):
+            shown = oppload("run", path, "-o", tmp_path / name, "-q", "--model", name)
+            assert (shown.returncode, shown.stderr) == (0, "")
+        alone, beside = (
+            rows_of(tmp_path / name / "clip.frames.csv") for name in ("opplod", "opplod,low")
+        )
+        for row, other in zip(alone, beside, strict=True):
+            assert row == {name: other[name] for name in row}
+        assert max(float(row["opplod_response"] or 0) for row in alone) > 0
+        for t, row in enumerate(beside):
+            assert row["low_rows"] == "120"
+            if t > 5:  # a black square of t x t working pixels; a working pixel has 3 x 3
+                place = [float(row[f"low_{side}"]) for side in ("x", "y", "width", "height")]
+                assert place == [240, 180, 3, 3]
+                assert (row["low_unit_x"], row["low_unit_y"]) == ("241.5", "181.5")
+        assert [row["low_alarm"] for row in beside] == ["0"] * 11 + ["1"] * 9  # not while blind
+        sidecar = json.loads((tmp_path / "opplod,low" / "clip.oppload.json").read_text())
+        assert sidecar["height"] == "auto"
+    finally:
+        registry.forget("low")
