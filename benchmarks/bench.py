@@ -34,8 +34,8 @@ from oppload_cli.environment import environment
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams, group, threshold
 from oppload_cli.models.layers import Layers
-from oppload_cli.models.opposing_motion import PooledJudgement
-from oppload_cli.models.registry import default_names, parameters_of
+from oppload_cli.models.opplod_reference import OpplodReference, enhanced
+from oppload_cli.models.registry import parameters_of
 from oppload_cli.motion.flow import DenseFlow, rmo_of
 from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.video.source import open_video
@@ -56,7 +56,7 @@ SAVING = {
     "--no-rmo": "--no-rmo",
     "--model opplod": "--model opplod",
     "both": "--no-rmo --model opplod",
-    "--preset reference": "--preset reference",
+    "--model opplod_reference,dlgmd": "--model opplod_reference,dlgmd",
     "--height 120": "--height 120",
 }
 STREAMS = {
@@ -164,18 +164,18 @@ def _ratio(  # noqa: PLR0917 - a row of the table
     ratios = [a / (per_call * b) for a, b in zip(our_times, other_times, strict=True)]
     unit, seconds = "ratio", statistics.median(our_times)
     if faster:
-        ratios, unit = [1 / each for each in ratios], "times as fast"
+        ratios, unit = [1 / ratio for ratio in ratios], "times as fast"
     return _measurement(title, must, aim, ratios, unit, seconds=seconds)
 
 
-def _bank(shape: tuple[int, int], preset: str = "reference") -> DetectorBank:
-    """Return both models of the paper."""
-    return DetectorBank(shape, [parameters_of(name, preset) for name in default_names()])
+def _bank(shape: tuple[int, int], opplod: str = "opplod_reference") -> DetectorBank:
+    """Return both models of the paper, OppLoD in one of its versions."""
+    return DetectorBank(shape, [parameters_of(name) for name in (opplod, "dlgmd")])
 
 
-def _models(frames: Sequence[Luma], preset: str = "reference") -> Callable[[], None]:
+def _models(frames: Sequence[Luma], opplod: str = "opplod_reference") -> Callable[[], None]:
     """Return a function that passes frames through both models."""
-    bank = _bank(frames[0].shape, preset)
+    bank = _bank(frames[0].shape, opplod)
 
     def once() -> None:
         for luma in frames:
@@ -200,7 +200,7 @@ def _run_command(path: Path) -> list[str]:
     """Return the command `oppload run` on a file or a folder; its results replace earlier ones."""
     return [
         *(COMMAND, "run", str(path), "-o", str(RESULTS / "out"), "-q"),
-        *("--preset", "reference", "--if-exists", "overwrite"),
+        *("--model", "opplod_reference,dlgmd", "--if-exists", "overwrite"),
     ]
 
 
@@ -230,7 +230,7 @@ def _models_alone(rounds: int) -> Iterator[_Measurement]:
     [times] = _times(rounds, _models(small))  # one thread computes frames of this size
     yield _measurement(
         "models alone, 427 x 240, one core: frames/s", ">= 400", "1000",
-        [len(small) / each for each in times], "frames/s", seconds=statistics.median(times),
+        [len(small) / seconds for seconds in times], "frames/s", seconds=statistics.median(times),
     )  # fmt: skip
     large = _luminance(1280, 720, 12)
     ours = _models(large)
@@ -243,11 +243,11 @@ def _models_alone(rounds: int) -> Iterator[_Measurement]:
         ours, partial(references.farneback, large), rounds, faster=True,
     )  # fmt: skip
     paper = _luminance(800, 600, 6)
-    for preset, must, aim in (("reference", ">= 20", "60"), ("paper", ">= 8", "20")):
+    for opplod, must, aim in (("opplod_reference", ">= 20", "60"), ("opplod_paper", ">= 8", "20")):
         yield _ratio(
-            f"preset {preset}, 800 x 600, against the literal reference", must, aim,
-            _models(paper, preset),
-            partial(references.literal, paper[:4], paper=preset == "paper"),
+            f"{opplod}, 800 x 600, against the literal reference", must, aim,
+            _models(paper, opplod),
+            partial(references.literal, paper[:4], paper=opplod == "opplod_paper"),
             rounds, faster=True, per_call=len(paper),
         )  # fmt: skip
 
@@ -255,10 +255,10 @@ def _models_alone(rounds: int) -> Iterator[_Measurement]:
 def _stages(rounds: int) -> Iterator[_Measurement]:
     """Measure the time of each stage per frame of 427 x 240, in ms."""
     frames = _luminance(427, 240, 60)
-    opplod = parameters_of("opplod", "reference").resolved(240)
     shape, dlgmd = (240, 427), DlgmdParams()
-    dpc = Layers(shape).dpc(opplod, opplod.both_axes).layer
-    judgement, grouped = PooledJudgement(shape, opplod), np.zeros(shape, np.float32)
+    layers = Layers(shape)
+    opplod, grouped = OpplodReference(shape, layers=layers), np.zeros(shape, np.float32)
+    dpc = layers.dpc(opplod.params, opplod.params.both_axes).layer
     flow = _rmo()
 
     def grouping(_: Luma) -> None:
@@ -267,7 +267,7 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
 
     parts: list[tuple[str, Callable[[Luma], object]]] = [
         ("P, DPC and MDE", dpc.step),
-        ("OMJ and enhancing", lambda _: judgement.judge(dpc)),
+        ("OMJ and enhancing", lambda _: enhanced(opplod._opponency(dpc), 1.0, 0.0)),
         ("D-LGMD grouping", grouping),
         ("flow and RMO", flow),
         ("table row", lambda luma: ",".join(f"{value:.9g}" for value in luma[0, :20].tolist())),
@@ -281,7 +281,7 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
                 part(luma)
 
         [times] = _times(rounds, once)
-        costs = [1e3 * each / len(frames) for each in times]
+        costs = [1e3 * seconds / len(frames) for seconds in times]
         yield _measurement(
             f"stage: {name}", "", "", costs, "ms/frame", seconds=statistics.median(times)
         )
@@ -478,9 +478,9 @@ def _page(measured: Sequence[_Measurement], machine: dict[str, Any]) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {each.title} | {each.must} | {each.aim} | {each.median:.3g} | {each.smallest:.3g} "
-        f"| {each.largest:.3g} | {each.unit} |"
-        for each in measured
+        f"| {one.title} | {one.must} | {one.aim} | {one.median:.3g} | {one.smallest:.3g} "
+        f"| {one.largest:.3g} | {one.unit} |"
+        for one in measured
     ]
     return "\n".join(lines) + "\n"
 
@@ -503,12 +503,12 @@ def main() -> None:
         cv2.setNumThreads(options.cores)
     measured = []
     for name in options.only or PARTS:
-        for each in parts[name](options.rounds):
-            print(f"{each.title}: {each.median:.3g} {each.unit}", flush=True)
-            measured.append(each)
+        for one in parts[name](options.rounds):
+            print(f"{one.title}: {one.median:.3g} {one.unit}", flush=True)
+            measured.append(one)
     machine = environment()
     RESULTS.mkdir(exist_ok=True)
-    content = {"machine": machine, "measurements": [asdict(each) for each in measured]}
+    content = {"machine": machine, "measurements": [asdict(one) for one in measured]}
     (RESULTS / "bench.json").write_text(json.dumps(content, indent=2) + "\n")
     (RESULTS / "bench.md").write_text(_page(measured, machine))
     print(f"\n{RESULTS / 'bench.md'}")

@@ -1,8 +1,8 @@
-"""Measure the costs that the docs state: annotated videos, staged clips, presets, many inputs.
+"""Measure the costs that the docs state: annotated videos, staged clips, growth, many inputs.
 
     python -m benchmarks.costs [--only PART] [--rounds N] [--video FILE ...]
 
-The parts are annotated, staged, presets and batch; only presets takes videos of your own. All costs
+The parts are annotated, staged, growth and batch; only growth takes videos of your own. All costs
 are processor times; those of commands include their start. Two ways are measured in turns. Each
 line has the median, the smallest and the largest value. Ratios are alike on different machines,
 times are not.
@@ -22,8 +22,7 @@ import numpy as np
 
 from benchmarks.bench import COMMAND, LENGTHS, h264
 from benchmarks.references import processor_s
-from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.registry import parameters_of
+from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.stimulus import frames
 from oppload_cli.stimulus.catalogue import load_all
@@ -72,7 +71,7 @@ def _staged(rounds: int, _videos: Sequence[Path]) -> Iterator[str]:
     """Compare the drawing of staged clips with the detectors that run over them."""
     for title, kinds in KINDS.items():
         drawing, running = [], []
-        for protocol in (each for kind in kinds for each in load_all(f"staged/{kind}")[:rounds]):
+        for protocol in (one for kind in kinds for one in load_all(f"staged/{kind}")[:rounds]):
             begun = time.process_time()
             pictures = np.stack([frame.grey for frame in frames(protocol)])
             drawn = time.process_time()
@@ -84,26 +83,27 @@ def _staged(rounds: int, _videos: Sequence[Path]) -> Iterator[str]:
         yield _line("  the four detectors on it", running, "s")
 
 
-def _model_s(lumas: Sequence[Map], preset: str) -> float:
-    """Return the processor time in seconds of OppLoD alone, with its flow if it needs one."""
-    model = Opplod(lumas[0].shape, parameters_of("opplod", preset))
+def _model_s(lumas: Sequence[Map], name: str) -> float:
+    """Return the processor time in seconds of a detector alone, with its flow if it needs one."""
+    height, width = lumas[0].shape
+    model = detector_named(name)((height, width))
     begun = time.process_time()
     for luma in lumas:
         model.step(luma)
     return time.process_time() - begun
 
 
-def _presets(rounds: int, videos: Sequence[Path]) -> Iterator[str]:
-    """Compare `default` with `reference`, on the benchmark's scene or on videos."""
+def _growth(rounds: int, videos: Sequence[Path]) -> Iterator[str]:
+    """Compare `opplod` with `opplod_reference`, on the benchmark's scene or on videos."""
     for path in videos or [h264(1280, 720, LENGTHS[0])]:
         with open_video(path) as video:
             lumas = [frame.luma for frame in video]
         alone, runs = [], []
         for _ in range(rounds):
-            alone.append(_model_s(lumas, "default") / _model_s(lumas, "reference"))
-            runs.append(_run_s(path) / _run_s(path, "--preset", "reference"))
-        yield _line(f"{path.name}: model alone", alone, "times reference")
-        yield _line(f"{path.name}: complete run", runs, "times reference")
+            alone.append(_model_s(lumas, "opplod") / _model_s(lumas, "opplod_reference"))
+            runs.append(_run_s(path) / _run_s(path, "--model", "opplod_reference,dlgmd"))
+        yield _line(f"{path.name}: model alone", alone, "times opplod_reference")
+        yield _line(f"{path.name}: complete run", runs, "times opplod_reference")
 
 
 def _batch(rounds: int, _videos: Sequence[Path]) -> Iterator[str]:
@@ -132,7 +132,7 @@ def _batch(rounds: int, _videos: Sequence[Path]) -> Iterator[str]:
             yield _line(f"collecting {MANY} sidecars as {suffix}", collecting, "s")
 
 
-PARTS = {"annotated": _annotated, "staged": _staged, "presets": _presets, "batch": _batch}
+PARTS = {"annotated": _annotated, "staged": _staged, "growth": _growth, "batch": _batch}
 
 
 def main() -> None:
@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3, help="turns that are measured (3)")
     parser.add_argument("--only", choices=PARTS, action="append", help="the part to run")
     parser.add_argument(
-        "--video", type=Path, action="append", default=[], help="a video for the part presets"
+        "--video", type=Path, action="append", default=[], help="a video for the part growth"
     )
     options = parser.parse_args()
     for name in options.only or PARTS:

@@ -158,8 +158,8 @@ def generated(height: int, frames: int, noise: float = 0.0) -> Iterator[NDArray[
     random = np.random.default_rng(7)
     width, scale = height * 4 // 3, height / 240
     ground, skin = (
-        np.asarray(cv2.resize(each, (width, height), interpolation=cv2.INTER_CUBIC), np.float32)
-        for each in random.random((2, 48, 96), np.float32)
+        np.asarray(cv2.resize(grain, (width, height), interpolation=cv2.INTER_CUBIC), np.float32)
+        for grain in random.random((2, 48, 96), np.float32)
     )
     y, x = np.mgrid[:height, :width].astype(np.float32)
     for t in range(frames):
@@ -223,10 +223,10 @@ def repeated(shown: Sequence[NDArray[np.uint8]], rate: Fraction, folder: Path) -
     for crf in (LOSSLESS, *CRFS):
         how = f"CRF {crf}" if crf else "exactly"
         plain = coded(folder / f"plain-{crf}.mp4", shown, rate, crf)
-        path = coded(folder / f"twice-{crf}.mp4", (shown[each] for each in twice), 2 * rate, crf)
+        path = coded(folder / f"twice-{crf}.mp4", (shown[at] for at in twice), 2 * rate, crf)
         yield Pair(f"twice, {how}", path, plain, twice, rate)
         plain = coded(folder / f"plain-12-{crf}.mp4", slow, Fraction(12), crf)
-        path = coded(folder / f"in-{crf}.mp4", (slow[each] for each in uneven), Fraction(30), crf)
+        path = coded(folder / f"in-{crf}.mp4", (slow[at] for at in uneven), Fraction(30), crf)
         yield Pair(f"12 in 30, {how}", path, plain, uneven, Fraction(12))
 
 
@@ -255,7 +255,7 @@ def print_shares(videos: Sequence[Path], count: int) -> None:
                         tuple(range(len(shown))),
                     )
                 for how, (file, pictures) in files.items():
-                    found = np.array([counted_repeats(file, pictures, each) for each in SHARES])
+                    found = np.array([counted_repeats(file, pictures, share) for share in SHARES])
                     numbers[how] = numbers.get(how, 0) + found
     shares = ", ".join(map(str, SHARES))
     print(f"| coding | repeats | missed at a share of {shares} | new pictures taken for repeats |")
@@ -316,7 +316,7 @@ def main() -> None:
                 rows.setdefault((how, detector), []).append(figures)
         for (how, detector), of_starts in rows.items():
             peaks, told, alarms_s, pictures = np.array(of_starts).T
-            alarms = ", ".join(f"{each:+.3f}" for each in alarms_s)
+            alarms = ", ".join(f"{late_s:+.3f}" for late_s in alarms_s)
             print(
                 f"| {path.stem} | {how} | {detector} | {_peaks(peaks)} | {_peaks(told)} | "
                 f"{alarms} | {np.median(pictures):.3g} |",

@@ -9,8 +9,8 @@
     python -m benchmarks.places --arrival        # the same, frames with times of arrival
     python -m benchmarks.places --cost FOLDER    # processor time
 
-All but the last use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv`` and
-``boxes.json`` as for ``oppload evaluate``.
+All but the last use the units alone, `opplod_reference`, or ``--model NAME``. FOLDER holds
+``manifest.csv`` and ``boxes.json`` as for ``oppload evaluate``.
 """  # fmt: skip
 
 from __future__ import annotations
@@ -27,12 +27,10 @@ from typing import TYPE_CHECKING, Any, cast
 import cv2
 import numpy as np
 
-from oppload_cli import FrameRecord, Opplod, OpplodResponse, analyse, open_video, stimulus
-from oppload_cli.detection.contact import place_params
+from oppload_cli import FrameRecord, Opplod, PlaceParams, analyse, open_video, stimulus
 from oppload_cli.detection.places import Detection, Places
 from oppload_cli.evaluation.manifest import Entry, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.measures import overlap
-from oppload_cli.models.registry import parameters_of
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import ObjectTruth, contact_time, frame_truth
@@ -43,7 +41,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.models.detector import Box
+    from oppload_cli.models.detector import Box, Response
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.video.source import Video
 
@@ -113,21 +111,16 @@ class Measured:
         return f"| {' | '.join(cells)} |"
 
 
-def measured(protocol: Protocol, preset: str) -> Measured:
-    """Show a stimulus to OppLoD, and compare every detection with the ground truth."""
+def measured(protocol: Protocol, model: str) -> Measured:
+    """Show a stimulus to a detector, and compare every detection with the ground truth."""
     result = Measured()
     video = cast("Video", StimulusVideo(protocol, 240))
-    for record in _analysed(video, preset):
-        result.identities |= {each.identity for each in record.detections}
+    for record in analyse(video, [model], rmo=None):
+        result.identities |= {seen.identity for seen in record.detections}
         for truth in frame_truth(protocol, record.frame).objects:
             if truth.time_to_contact_s and truth.looming:  # until it has its largest size
                 _compare(result, protocol, truth, record.detections)
     return result
-
-
-def _analysed(video: Video, preset: str) -> Iterator[FrameRecord]:
-    params = [parameters_of("opplod", preset)]
-    return analyse(video, params, places=place_params(preset), rmo=None)
 
 
 def _compare(
@@ -135,8 +128,8 @@ def _compare(
 ) -> None:
     """Add the detection that is nearest to an object, if its focus lies within the object."""
 
-    def distance(each: Detection) -> float:
-        return math.hypot(each.centre_x - truth.centre_x_px, each.centre_y - truth.centre_y_px)
+    def distance(seen: Detection) -> float:
+        return math.hypot(seen.centre_x - truth.centre_x_px, seen.centre_y - truth.centre_y_px)
 
     radius, time_s = _radius(protocol, truth), truth.time_to_contact_s or math.inf
     nearest = min(detections, key=distance, default=None)
@@ -164,13 +157,13 @@ def _percent(values: Sequence[float], of: Any, sign: str = "") -> str:
     return f"{100 * of(values):{sign}.0f} %" if values else ""
 
 
-def _contact_table(preset: str) -> Iterator[str]:
+def _contact_table(model: str) -> Iterator[str]:
     """Yield the table of the stimuli; the last row is that of all stimuli together."""
     yield "| stimulus | given | median error | largest | focus, px | size | numbers |"
     yield "|---|---|---|---|---|---|---|"
     everything = Measured()
     for name, protocol, settings in CONDITIONS:
-        result = measured(stimulus.load_all(protocol, settings)[0], preset)
+        result = measured(stimulus.load_all(protocol, settings)[0], model)
         yield result.row(name)
         everything.frames += result.frames
         everything.errors += result.errors
@@ -182,7 +175,7 @@ def _contact_table(preset: str) -> Iterator[str]:
     yield f"true time within twice the error: {within} of {count}"
 
 
-def _rate_table(preset: str) -> Iterator[str]:
+def _rate_table(model: str) -> Iterator[str]:
     """Yield the table of looming disks at low frame rates; errors have a sign."""
     yield "| l/v, ms | given | median error | true time within twice the error |"
     yield "|---|---|---|---|"
@@ -190,7 +183,7 @@ def _rate_table(preset: str) -> Iterator[str]:
         found = Measured()
         for rate in LOW_RATES:
             settings = {L_OVER_V: l_over_v, "display.frame_rate": rate}
-            one = measured(stimulus.load_all(LOOM, settings)[0], preset)
+            one = measured(stimulus.load_all(LOOM, settings)[0], model)
             found.frames += one.frames
             found.errors += one.errors
             found.certain += one.certain
@@ -249,21 +242,20 @@ class _Approaches:
         taken: list[float],
         shown: NDArray[np.float32],
         times: list[float],
-        preset: str,
+        model: str,
     ) -> None:
         """Analyse an approach whose frames were `taken` at other times than the stated `times`."""
         self.count += 1
-        params = [parameters_of("opplod", preset)]
-        records = analyse(shown, params, times=times, height=240, preset=preset, rmo=False)
+        records = analyse(shown, [model], times=times, rmo=False)
         alarm = False
         for time_s, record in zip(taken, records, strict=True):
             left_s = contact_s - time_s
-            if record.alarms["opplod"] and not alarm:
+            if record[model].alarm and not alarm:
                 alarm = True
                 self.leads += [left_s] if left_s > 0 else []
             if 0 < left_s <= LAST_S:
                 self.frames += 1
-                found = record.objects["opplod"]
+                found = record[model].object
                 if found and found.time_to_contact_s:
                     self.errors.append(abs(found.time_to_contact_s / left_s - 1))
 
@@ -284,7 +276,7 @@ def _view_table(
     title: str,
     view: Callable[[Sequence[NDArray[np.float32]], float], NDArray[np.float32]],
     sizes: Sequence[float],
-    preset: str,
+    model: str,
 ) -> Iterator[str]:
     """Yield the table of staged approaches seen by a camera with a disturbance of several sizes."""
     approaches = []
@@ -296,7 +288,7 @@ def _view_table(
         row = _Approaches()
         for contact_s, frames in approaches:
             times = [number / RATE for number in range(len(frames))]
-            row.add(contact_s, times, view(frames, size), times, preset)
+            row.add(contact_s, times, view(frames, size), times, model)
         yield row.row(str(size))
 
 
@@ -313,7 +305,7 @@ def _cameras(count: int) -> dict[str, tuple[NDArray[np.int64], float]]:
     }
     return {
         "no delays": (every, 0),
-        **{f"delays up to {1000 * each:g} ms": (every, each) for each in DELAYS},
+        **{f"delays up to {1000 * delay:g} ms": (every, delay) for delay in DELAYS},
         "two at a time": (every, PAIRS),
         "15 frames/s, up to 30 ms": (every[::2], 0.03),
         "60 frames/s, up to 30 ms": (np.arange(0, count, FINE_RATE // 60), 0.03),
@@ -332,7 +324,7 @@ def _arrivals(taken: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
     return np.asarray(np.maximum.accumulate(taken + late) + number * 1e-6)
 
 
-def _arrival_table(preset: str) -> Iterator[str]:
+def _arrival_table(model: str) -> Iterator[str]:
     """Yield the table of staged approaches: times of arrival, as they are and smoothed."""
     found: dict[tuple[str, str], _Approaches] = {}
     for protocol in stimulus.load_all(STAGED, {"display.frame_rate": FINE_RATE})[::3]:
@@ -343,16 +335,16 @@ def _arrival_table(preset: str) -> Iterator[str]:
             arrived, clock = _arrivals(taken, delay).tolist(), Arrivals()
             for kind, times in (
                 ("", arrived),
-                ("smoothed", [clock.step(each) for each in arrived]),
+                ("smoothed", [clock.step(time_s) for time_s in arrived]),
             ):
                 row = found.setdefault((name, kind), _Approaches())
-                row.add(contact_s, taken.tolist(), shown, times, preset)
+                row.add(contact_s, taken.tolist(), shown, times, model)
     yield HEAD.format("times of arrival")
     for (name, kind), row in found.items():
         yield row.row(f"{name} {kind}")
 
 
-def _localisation(folder: Path, preset: str) -> Iterator[str]:
+def _localisation(folder: Path, model: str) -> Iterator[str]:
     """Yield the table of the clips: winning units within the labelled box, enlarged by half."""
     yield "| clip | labelled frames | every frame between | overlap of the box |"
     yield "|---|---|---|---|"
@@ -366,10 +358,9 @@ def _localisation(folder: Path, preset: str) -> Iterator[str]:
             continue
         near = _between(boxes, contact)
         with open_video(cast("Path", entry.path), height=240) as video:
-            records = list(_analysed(video, preset))
+            records = list(analyse(video, [model], rmo=None))
         inside = {
-            frame: _is_inside(records[frame].responses["opplod"], box)
-            for frame, box in near.items()
+            frame: _is_inside(records[frame][model].answer, box) for frame, box in near.items()
         }
         labelled.append([inside[frame] for frame in boxes if frame in inside])
         every.append(list(inside.values()))
@@ -384,7 +375,7 @@ def _localisation(folder: Path, preset: str) -> Iterator[str]:
     yield _clip_row("**all**", list(chain(*labelled)), list(chain(*every)), overlaps)
     low, high = _interval(labelled)
     yield f"95 % interval of the labelled frames: {100 * low:.0f} to {100 * high:.0f} %"
-    known = [each for each in contacts if each is not None]
+    known = [contact for contact in contacts if contact is not None]
     yield f"time to contact given in {len(known)} of {len(contacts)} frames with a detection"
     if known:
         seconds = [late_s for late_s, _ in known]
@@ -419,7 +410,7 @@ def _cost(folder: Path) -> Iterator[str]:
     for entry in _entries(folder):
         with open_video(cast("Path", entry.path), height=240) as video:
             model = Opplod(video.working.shape)
-            places, search = Places(place_params()), DenseFlow()
+            places, search = Places(PlaceParams().of(Opplod.least_object)), DenseFlow()
             frames, searched, started = 0, 0.0, time.process_time()
             for frame in video:
                 flow = search.step(frame.luma, frame.time_s)
@@ -464,9 +455,9 @@ def _clip_row(name: str, labelled: list[bool], every: list[bool], overlaps: list
     return f"| {name} | {shares[0]} | {shares[1]} | {overlap} |"
 
 
-def _is_inside(response: object, box: list[float]) -> bool:
+def _is_inside(response: Response | None, box: list[float]) -> bool:
     """Return whether the centre of the winning unit lies in a box that is enlarged by half."""
-    if not isinstance(response, OpplodResponse) or response.box is None:
+    if response is None or response.box is None:
         return False
     (x, y), (left, top, width, height) = response.box.centre, box
     away_x, away_y = abs(x - left - width / 2), abs(y - top - height / 2)
@@ -495,25 +486,25 @@ def main() -> None:
     parser.add_argument("--arrival", action="store_true", help="times of arrival")
     parser.add_argument("--cost", type=Path, metavar="FOLDER", help="processor time")
     parser.add_argument(
-        "--preset", default="reference", metavar="NAME", help="of OppLoD (reference)"
+        "--model", default="opplod_reference", metavar="NAME", help="detector (opplod_reference)"
     )
     arguments = parser.parse_args()
     if arguments.clips:
-        table = _localisation(arguments.clips, arguments.preset)
+        table = _localisation(arguments.clips, arguments.model)
     elif arguments.rates:
-        table = _rate_table(arguments.preset)
+        table = _rate_table(arguments.model)
     elif arguments.roll:
-        table = _view_table("roll, deg/s", _rolled, ROLLS, arguments.preset)
+        table = _view_table("roll, deg/s", _rolled, ROLLS, arguments.model)
     elif arguments.vibration:
-        table = _view_table("amplitude, px", _vibrating, VIBRATIONS, arguments.preset)
+        table = _view_table("amplitude, px", _vibrating, VIBRATIONS, arguments.model)
     elif arguments.flicker:
-        table = _view_table("depth", _banded, DEPTHS, arguments.preset)
+        table = _view_table("depth", _banded, DEPTHS, arguments.model)
     elif arguments.arrival:
-        table = _arrival_table(arguments.preset)
+        table = _arrival_table(arguments.model)
     elif arguments.cost:
         table = _cost(arguments.cost)
     else:
-        table = _contact_table(arguments.preset)
+        table = _contact_table(arguments.model)
     for line in table:
         print(line, flush=True)
 

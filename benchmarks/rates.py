@@ -1,6 +1,6 @@
 """Measure how responses depend on the frame rate, for ``docs/time.md``.
 
-    python -m benchmarks.rates [--phases N] [--preset NAME]
+    python -m benchmarks.rates [--phases N] [--model NAME]
     python -m benchmarks.rates --between [--phases N]
     python -m benchmarks.rates --controls
     python -m benchmarks.rates --clips MANIFEST.csv
@@ -9,8 +9,8 @@ The program draws looming disks at the times of the frames, at 10 to 240 frames/
 and jittered frames. It analyses them as ``oppload run`` does. The frames end when the disk stops to
 grow. The peak depends on the time from the last frame to this moment. So every rate is shown with
 `--phases` shifts of its first frame, and compared with the mean at 30 frames/s. Dropped and
-jittered frames are drawn at random, 4 times for each shift. With `--preset` only OppLoD runs, under
-that preset. With `--between` the detectors also see the frames between, at 240 frames/s, but only
+jittered frames are drawn at random, 4 times for each shift. With `--model` only that detector runs.
+With `--between` the detectors also see the frames between, at 240 frames/s, but only
 responses at the times of the frames count: this is the share of a peak that these times leave.
 `--clips` shows every frame, every second or every third frame of labelled clips, or all frames as a
 camera that jerks or has noise sees them, and counts the alarms at the floors of the package.
@@ -30,8 +30,6 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import cv2
 import numpy as np
 
-from oppload_cli.detection.alarm import alarm_params
-from oppload_cli.detection.contact import place_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
 from oppload_cli.evaluation.evaluate import outputs_of
 from oppload_cli.evaluation.manifest import Entry, read_manifest
@@ -45,6 +43,8 @@ from oppload_cli.processes import cores
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load, load_all
 from oppload_cli.stimulus.renderer import Renderer
+from oppload_cli.ticks import ticks
+from oppload_cli.video.frames import WORKING_HEIGHT
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
@@ -52,12 +52,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.results.record import FrameRecord
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.video.frames import Frame, FrameSource
 
     Times = NDArray[np.float64]
-    Case = tuple[str, str, str]  # the disk, the preset and the detector
+    Case = tuple[str, str]  # the disk and the detector
     Table = dict[tuple[Case, float, str], "_Compared"]
 
 RATES = (10, 15, 24, 25, 30, 50, 60, 90, 120, 240)
@@ -75,10 +75,7 @@ DISKS = {
     "paper, centre": ("opplod2023/looming-disk-centre", None),
     "paper, off centre": ("opplod2023/looming-disk-off-centre", None),
 }
-CASES = (
-    *((name, preset, "opplod") for preset in ("default", "reference") for name in DISKS),
-    *((name, "default", "dlgmd") for name in DISKS),
-)
+CASES = tuple(product(DISKS, ("opplod", "opplod_reference", "dlgmd")))
 CONTROLS = (
     *("controls/receding-disk", "controls/translating-disk-speed"),
     *("controls/texture-pan", "controls/square-grating/axis-0"),
@@ -93,11 +90,11 @@ class _ShownAt(StimulusVideo):
         super().__init__(replace(protocol, display=display), height)
         self._times = times
 
-    def _pictures(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    def _pictures(self) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         renderer = Renderer(self.protocol)
         for time_s in self._times:
             drawn = renderer._picture(time_s, time_s)
-            yield float(time_s), np.clip(np.rint(drawn * np.float32(255)), 0, 255).astype(np.uint8)
+            yield ticks(time_s), np.clip(np.rint(drawn * np.float32(255)), 0, 255).astype(np.uint8)
 
 
 class _Result(NamedTuple):
@@ -156,25 +153,23 @@ def _frame_times(rate: float, kind: str, phase: float, end_s: float, draw: int =
 
 def _records_of(case: Case, rate: float, times: Times) -> list[FrameRecord]:
     """Run one detector on one disk, shown at these times."""
-    name, preset, model = case
-    height = 600 if preset == "reference" and name.startswith("paper") else 240
-    params = parameters_of(model, preset)
+    name, model = case
+    height = 600 if model == "opplod_reference" and name.startswith("paper") else 240
+    params = parameters_of(model)
     if height == 600:
         params = params.replaced(receptive_field=200)
-    return list(
-        analyse(
-            _ShownAt(_disk(name)[0], height, rate, times), [params], alarm=alarm_params(preset),
-            places=place_params(preset), rmo=None,
-        )
-    )  # fmt: skip
+    return list(analyse(_ShownAt(_disk(name)[0], height, rate, times), [params], rmo=None))
 
 
 def _result_of(case: Case, rate: float, times: Times) -> _Result:
     """Return the result of one detector on one disk."""
-    records = _records_of(case, rate, times)
-    responses = [(each.response, -r.time_s) for r in records if (each := r.responses[case[2]])]
-    peak, peak_s = max(responses)
-    alarm_s = next((record.time_s for record in records if record.alarms[case[2]]), np.nan)
+    records, (_, model) = _records_of(case, rate, times), case
+    peak, peak_s = max(
+        (response, -record.time_s)
+        for record in records
+        if (response := record[model].response) is not None
+    )
+    alarm_s = next((record.time_s for record in records if record[model].alarm), np.nan)
     return _Result(peak, -peak_s, alarm_s)
 
 
@@ -185,9 +180,13 @@ def _between_of(case: Case, rate: float, phase: float) -> float:
     between = np.arange(0, end_s, 1 / FINEST)
     apart_s = np.abs(between[:, None] - times).min(axis=1)
     seen = np.sort(np.concatenate((times, between[apart_s > 0.5 / FINEST])))
-    responses = [record.responses[case[2]] for record in _records_of(case, FINEST, seen)]
+    responses = [record[case[1]].response for record in _records_of(case, FINEST, seen)]
     at_frames = np.isin(seen, times)
-    return max(each.response for each, at in zip(responses, at_frames, strict=True) if each and at)
+    return max(
+        response
+        for response, at in zip(responses, at_frames, strict=True)
+        if response is not None and at
+    )
 
 
 def _between(phases: int) -> Iterator[str]:
@@ -195,15 +194,14 @@ def _between(phases: int) -> Iterator[str]:
     disks = ("l/v 20 ms", "l/v 40 ms", "l/v 80 ms")
     yield f"| frames/s | detector | {' | '.join(disks)} |"
     yield "|---|---|" + "---|" * len(disks)
-    detectors = dict.fromkeys(case[1:] for case in CASES)
-    for rate, (preset, model) in product(COARSE, detectors):
+    for rate, model in product(COARSE, dict.fromkeys(model for _, model in CASES)):
         ratios = []
         for name in disks:
-            case = name, preset, model
-            reference = np.mean([each.peak for each in _results_of(case, 30, "", phases)])
+            case = name, model
+            reference = np.mean([result.peak for result in _results_of(case, 30, "", phases)])
             found = [_between_of(case, rate, shift / phases) for shift in range(phases)]
             ratios.append(f"{np.mean(found) / reference:.2f}")
-        yield f"| {rate} | {model}, {preset} | {' | '.join(ratios)} |"
+        yield f"| {rate} | {model} | {' | '.join(ratios)} |"
 
 
 def _results_of(case: Case, rate: float, kind: str, phases: int) -> list[_Result]:
@@ -236,8 +234,8 @@ def _measured(phases: int, cases: tuple[Case, ...] = CASES) -> Table:
     """Compare each case at each rate with the mean of the case at 30 frames/s."""
     table: Table = {}
     measured = partial(_measured_case, phases)
-    for each in results(measured, cases, cores(), named=str):
-        table |= each
+    for of_case in results(measured, cases, cores(), named=str):
+        table |= of_case
     for (case, rate, kind), values in table.items():
         print(*case, rate, kind, np.round(values, 3).tolist())
     return table
@@ -245,15 +243,14 @@ def _measured(phases: int, cases: tuple[Case, ...] = CASES) -> Table:
 
 def _markdown(table: Table) -> Iterator[str]:
     """Yield the table of the page: the smallest and the largest mean over the stimuli."""
-    detectors = list(dict.fromkeys(case[1:] for case, _, _ in table))
-    names = [f"{model}, {preset}" for preset, model in detectors]
-    yield f"| frames/s | {' | '.join(f'{name}: peak | alarm (s)' for name in names)} |"
-    yield "|---" * (1 + 2 * len(names)) + "|"
+    detectors = list(dict.fromkeys(model for (_, model), _, _ in table))
+    yield f"| frames/s | {' | '.join(f'{name}: peak | alarm (s)' for name in detectors)} |"
+    yield "|---" * (1 + 2 * len(detectors)) + "|"
     for rate, kind in dict.fromkeys(key[1:] for key in table):
         cells = []
         for detector in detectors:
             rows = {
-                c: v for (c, *how), v in table.items() if (c[1:], *how) == (detector, rate, kind)
+                c: v for (c, *how), v in table.items() if (c[1], *how) == (detector, rate, kind)
             }
             peaks = [row.peak for row in rows.values() if np.isfinite(row.peak)]
             cells.append(f"{min(peaks):.2f} to {max(peaks):.2f}")
@@ -270,23 +267,18 @@ def _markdown(table: Table) -> Iterator[str]:
 def _controls() -> Iterator[str]:
     """Yield the largest response to controls over that to the disk of l/v 40 ms, and alarms."""
     protocols = [protocol for name in CONTROLS for protocol in load_all(name)]
-    for preset, rate in product(("default", "reference"), (30, 120, 240)):
+    for model, rate in product(("opplod", "opplod_reference"), (30, 120, 240)):
         disk = "l/v 40 ms"
         times = _frame_times(rate, "", 0, _disk(disk)[1])
-        looming = _result_of((disk, preset, "opplod"), rate, times).peak
+        looming = _result_of((disk, model), rate, times).peak
         for protocol in protocols:
             end_s = float(protocol.frame_count / protocol.display.frame_rate)
             video = _ShownAt(protocol, 240, rate, _frame_times(rate, "", 0, end_s))
-            records = list(
-                analyse(
-                    video, [parameters_of("opplod", preset)], alarm=alarm_params(preset),
-                    places=place_params(preset), rmo=None,
-                )
-            )  # fmt: skip
-            peak = max(each.response for r in records if (each := r.responses["opplod"]))
-            alarm = "yes" if any(record.alarms["opplod"] for record in records) else "no"
+            records = list(analyse(video, [model], rmo=None))
+            peak = max(record[model].response or 0.0 for record in records)
+            alarm = "yes" if any(record[model].alarm for record in records) else "no"
             share = peak / looming
-            yield f"{preset} {rate} {protocol.name}: {share:.4f} of the disk, alarm {alarm}"
+            yield f"{model} {rate} {protocol.name}: {share:.4f} of the disk, alarm {alarm}"
 
 
 class _Shown:
@@ -325,7 +317,8 @@ def _seen(
     entry: Entry, detector: EvaluatedDetector, every: int, jerk_px: float, noise: float
 ) -> Clip:
     """Run a detector over a labelled clip, as `_Shown` shows it."""
-    with open_video(cast("Path", entry.path), height=detector.height) as video:
+    height = detector.height if isinstance(detector.height, int) else WORKING_HEIGHT
+    with open_video(cast("Path", entry.path), height=height) as video:
         times, outputs = outputs_of(_Shown(video, every, jerk_px, noise), [detector])
         facts = video.facts
     label = entry.label
@@ -340,7 +333,7 @@ def _on_clips(manifest: Path) -> Iterator[str]:
     measures = "detected | lead (s) | false alarms per minute"
     yield f"| shown | jerks (px) | noise | detector | {measures} |"
     yield "|---|---|---|---|---|---|---|"
-    names = "opplod:default", "opplod:reference", "dlgmd", "flow_divergence"
+    names = "opplod", "opplod_reference", "dlgmd", "flow_divergence"
     jerks, noises = ((1, px, 0.0) for px in (1, 2, 5)), ((1, 0, share) for share in (0.02, 0.05))
     for every, jerk_px, noise in ((1, 0, 0.0), (2, 0, 0.0), (3, 0, 0.0), *jerks, *noises):
         for detector in evaluated_detectors(names):
@@ -364,7 +357,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--phases", type=int, default=12, help="shifts (12)")
-    parser.add_argument("--preset", metavar="NAME", help="only OppLoD, under this preset")
+    parser.add_argument("--model", metavar="NAME", help="only this detector")
     parser.add_argument("--between", action="store_true", help="frames between are seen too")
     parser.add_argument("--controls", action="store_true", help="controls at 30 to 240 frames/s")
     parser.add_argument("--clips", type=Path, metavar="MANIFEST.csv", help="labelled clips")
@@ -376,8 +369,8 @@ def main() -> None:
     elif arguments.between:
         lines = _between(arguments.phases)
     else:
-        preset = arguments.preset
-        cases = tuple((name, preset, "opplod") for name in DISKS) if preset else CASES
+        model = arguments.model
+        cases = tuple((name, model) for name in DISKS) if model else CASES
         lines = _markdown(_measured(arguments.phases, cases))
     for line in lines:
         print(line, flush=True)

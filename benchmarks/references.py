@@ -59,7 +59,7 @@ def _expansion(frames: Sequence[Luma], flow_of: Callable[..., NDArray[Any]]) -> 
 def literal(frames: Sequence[Luma], *, paper: bool) -> float:
     """Run both models by the literal reference of the tests, from the fourth frame on.
 
-    The opponent sums of preset `reference` are left out, because the literal reference computes
+    The opponent sums of `opplod_reference` are left out, because the literal reference computes
     them by loops in Python. So the literal reference seems faster than it is.
     """
     total = 0.0

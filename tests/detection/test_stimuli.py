@@ -14,7 +14,7 @@ def over(*words: str) -> Measured:
     total = Measured()
     for name, protocol, settings in CONDITIONS:
         if name.startswith(words):
-            one = measured(stimulus.load_all(protocol, settings)[0], "default")
+            one = measured(stimulus.load_all(protocol, settings)[0], "opplod")
             assert one.identities == {1}
             total.frames += one.frames
             total.errors += one.errors
