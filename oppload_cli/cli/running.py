@@ -165,7 +165,9 @@ def _no_alarm(settings: Settings) -> str:
 def _notes(settings: Settings) -> Iterator[str]:
     """Yield sentences on alarms that are off, on detectors without a floor, and on slow models."""
     if without := _no_alarm(settings):
-        yield f"{without}; --set alarm.NAME_floor=NUMBER gives it one"
+        silent = [name for name in settings.models if name not in settings.with_alarm]
+        advice = f"; --set alarm.{silent[0]}_floor=NUMBER gives it one" if settings.alarm.on else ""
+        yield f"{without}{advice}"
     for name in settings.with_alarm:
         inherited = detector_named(name).alarm is Detector.alarm
         if inherited and not settings.alarm.rule_of(name).floor:

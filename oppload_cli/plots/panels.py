@@ -207,7 +207,11 @@ def draw_curves(
             notes += _draw_threshold(axes, curve, scale, largest)
     notes += _alarm_notes(curves, options)
     if scale != options.scale:
-        notes.append("divided by the peak: no alarm threshold")
+        without = [
+            detector_named(curve.detector).label for curve in curves if curve.threshold is None
+        ]
+        whose = f" of {', '.join(without)}" if len(without) < len(curves) else ""
+        notes.append(f"divided by the peak: no alarm threshold{whose}")
     if scale == "raw":
         style.number_in_full(axes)
     axes.margins(x=0.01)

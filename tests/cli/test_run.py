@@ -182,6 +182,7 @@ def test_a_detector_without_an_alarm_is_told_with_the_reason(clip: Path, tmp_pat
     assert "loom.avi: no model has an alarm; the responses are in the table" in done.stderr
     reason = "no alarm of opplod_paper: it responds to inward and outward motion alike"
     assert done.stderr.count(reason) == 1
+    assert "; --set alarm.opplod_paper_floor=NUMBER gives it one\n" in done.stderr
     sidecar = json.loads((tmp_path / "loom.oppload.json").read_text())
     assert (sidecar["height"], sidecar["working"]["height"]) == ("auto", 240)
     at_60 = oppload(*words, "opplod_paper,dlgmd", "--height", "60", "-v")

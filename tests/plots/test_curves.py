@@ -646,6 +646,10 @@ def test_without_an_alarm_there_is_no_threshold(tmp_path: Path) -> None:
     _, (panel,) = plot_curves(read_result(write_rows(tmp_path / "a.frames.csv", rows)))
     assert panel.get_ylabel() == "response / peak"
     assert labels(panel)[-1] == "divided by the peak: no alarm threshold"
+    rows = [{k: v for k, v in row.items() if k != "dlgmd_threshold"} for row in frame_rows()]
+    _, (panel,) = plot_curves(read_result(write_rows(tmp_path / "b.frames.csv", rows)))
+    said = labels(panel)[-1].replace("\n", " ")
+    assert said == "divided by the peak: no alarm threshold of D-LGMD"
 
 
 def test_the_threshold_is_that_of_the_table(tmp_path: Path) -> None:
