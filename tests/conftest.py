@@ -86,7 +86,9 @@ def _answered() -> dict[int, Any]:
         "SIGTERM": signal.SIG_DFL,
         "SIGHUP": signal.SIG_DFL,
     }
-    return {getattr(signal, name): each for name, each in usual.items() if hasattr(signal, name)}
+    return {
+        getattr(signal, name): handler for name, handler in usual.items() if hasattr(signal, name)
+    }
 
 
 @pytest.fixture(autouse=True)

@@ -95,9 +95,9 @@ def write_film(path: Path, width: int = 64, height: int = 48, times: int = 60) -
         stream: Any = written.add_stream("mpeg4", rate=30, options={"g": "1"})
         stream.height, stream.width, stream.pix_fmt = height, width, "yuv420p"
         pictures = [
-            av.VideoFrame.from_ndarray(each, "gray") for each in grey_frames(60, width, height)
+            av.VideoFrame.from_ndarray(grey, "gray") for grey in grey_frames(60, width, height)
         ]
-        packets = [packet for each in [*pictures, None] for packet in stream.encode(each)]
+        packets = [packet for picture in [*pictures, None] for packet in stream.encode(picture)]
         contents = [bytes(packet) for packet in packets]
         for at, content in enumerate(contents * times):
             packet = av.Packet(content)

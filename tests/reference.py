@@ -148,7 +148,7 @@ def opponent_products(one: Array, other: Array, phi: float, reach: int, *, w_p: 
 def opponency(
     p: Sequence[Array], *, field: int, cell: int, sigma: float, axes: int, w_p: float
 ) -> Array:
-    """R(c) of preset reference."""
+    """R(c) of opplod_reference."""
     reach = int(field / 2 / cell)
     parts = []
     for phi in (axes, axes + 90):
@@ -160,7 +160,7 @@ def opponency(
 def paper_response(
     p: Sequence[Array], *, field: int, grid: tuple[int, int], threshold: float, gain: float
 ) -> float:
-    """Preset paper: both orders, both axis pairs, all units, literally."""
+    """The paper to the letter: both orders, both axis pairs, all units, literally."""
     maps = {phi: pathway(p, phi) for phi in (45, 135, 225, 315)}
     height, width = next(iter(maps.values())).shape
     columns, rows = grid

@@ -1,8 +1,8 @@
-"""Fit preset ``lplc2`` to published peaks, with cross-validation over stimulus families.
+"""Fit ``opplod_lplc2`` to published peaks, with cross-validation over stimulus families.
 
-    python -m benchmarks.fit_lplc2 [PEAKS.csv] [--free inward,lateral] [--state fit.npz]
-    python -m benchmarks.fit_lplc2 --peaks-only --cross-validate
-    python -m benchmarks.fit_lplc2 --ablate
+    python -m tools.fit_lplc2 [PEAKS.csv] [--free inward,lateral] [--state fit.npz]
+    python -m tools.fit_lplc2 --peaks-only --cross-validate
+    python -m tools.fit_lplc2 --ablate
 
 The program computes the pooled motion of each stimulus once. A differential evolution then searches
 the named parameters for small differences from the peaks, and for phenomena (statements of several
@@ -20,18 +20,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from oppload_cli.models.arms import (
-    DIRECTIONS,
-    ArmsJudgement,
-    arm_response,
-    arm_weights,
-    field_weights,
-)
 from scipy.optimize import differential_evolution
 
 from oppload_cli.errors import OpploadError, ParameterError, ResultError
 from oppload_cli.models.layers import Layers
-from oppload_cli.models.registry import parameters_of
+from oppload_cli.models.opplod_lplc2 import (
+    AXES,
+    DIRECTIONS,
+    OpplodLplc2,
+    OpplodLplc2Params,
+    arm_response,
+    arm_weights,
+    field_weights,
+)
 from oppload_cli.models.timebase import Clock
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.reproduction.lplc2 import (
@@ -48,7 +49,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
-    from oppload_cli.models.opplod_parameters import OpplodParams
 
     from oppload_cli.stimulus.protocol import Protocol
 
@@ -75,7 +75,6 @@ RANGES: dict[str, tuple[float, float, bool]] = {
 OFF_CENTRE = ((15.0, 0.0), (10.6, 10.6))
 # The value of a parameter that switches its part off.
 ABLATIONS: dict[str, dict[str, object]] = {
-    "graded direction": {"graded": False},
     "inward suppression": {"inward": 0.0},
     "lateral suppression": {"lateral": 0.0},
     "normalisation by the field": {"surround": 0.0},
@@ -143,7 +142,7 @@ def _target(where: str, row: Mapping[str, str | None]) -> Target:
             break
     else:
         raise ResultError(f"{where}: no stimulus '{name}' with width '{width}' in the battery")
-    members = {each.name: each for each in load_all(f"klapoetke2017/{family.name}")}
+    members = [member.name for member in load_all(f"klapoetke2017/{family.name}")]
     wanted = [
         member
         for member in members
@@ -183,8 +182,8 @@ class Battery:
     ----------
     stimuli : iterable of str
         Names in the catalogue; the loom is added.
-    params : OpplodParams
-        Parameters of preset ``lplc2``. The battery uses their cells and field throughout.
+    params : OpplodLplc2Params
+        The battery uses their cells and field throughout.
     off_centre : iterable of (float, float)
         Centres of further looms, in degrees from the centre of the middle unit.
     """
@@ -192,7 +191,7 @@ class Battery:
     def __init__(
         self,
         stimuli: Iterable[str],
-        params: OpplodParams,
+        params: OpplodLplc2Params,
         off_centre: Iterable[tuple[float, float]] = (),
     ) -> None:
         self.params = params
@@ -201,7 +200,7 @@ class Battery:
         shown = {stands_for(name): load_all(name) for name in reversed(self.stimuli)}
         for place in off_centre:
             shown[_at(place)] = load_all(self.loom, {"disk.centre_deg": list(place)})
-        motion = [self._motion(*each) for each in shown.values()]
+        motion = [self._motion(*protocols) for protocols in shown.values()]
         self.columns = {name: column for column, name in enumerate(shown)}
         self.off_centre = [_at(place) for place in off_centre]
         self.frames = [len(maps) for maps in motion]
@@ -213,12 +212,12 @@ class Battery:
         video = StimulusVideo(protocol, 240)
         shape = video.working.height, video.working.width
         layers = Layers(shape, Clock())
-        dpc = layers.dpc(self.params, (0, 90))
-        arms = ArmsJudgement(shape, self.params.resolved(shape[0]))
+        dpc = layers.dpc(self.params.scaled(min(shape)), AXES)
+        arms = OpplodLplc2(shape, self.params)
         maps = []
         for frame in video:
             layers.clock.time_s = frame.time_s
-            maps.append(np.zeros((5, *arms.maps.responses.shape), np.float32))
+            maps.append(np.zeros((5, *arms.units.responses.shape), np.float32))
             if dpc.step(frame.luma):
                 maps[-1][0], maps[-1][1:] = arms.pooled(dpc.layer)
         return np.asarray(maps, np.float32).reshape(len(maps), -1)
@@ -244,9 +243,9 @@ class Battery:
         found = low_passed(above, self.times, params.calcium_s).max(axis=0)
         loom = found[self.columns[stands_for(self.loom)]] or 1e-12
         peaks = {name: found[self.columns[stands_for(name)]] / loom for name in self.stimuli}
-        return peaks | {each: found[self.columns[each]] / loom for each in self.off_centre}
+        return peaks | {place: found[self.columns[place]] / loom for place in self.off_centre}
 
-    def _weights(self, params: OpplodParams) -> NDArray[np.float32]:
+    def _weights(self, params: OpplodLplc2Params) -> NDArray[np.float32]:
         """Return the weight of each value of `maps` for the middle unit.
 
         The columns are the excitations of the four arms, then their suppressions.
@@ -408,7 +407,7 @@ def _cross_validated(
 def _ablated(
     battery: Battery, targets: Sequence[Target]
 ) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Yield r and rms with each part of the preset switched off, and nothing else changed."""
+    """Yield r and rms with each part switched off, and nothing else changed."""
     rows = [target for target in targets if target.family != LOOM]
     for part, values in ABLATIONS.items():
         if values.keys() <= RANGES.keys():  # the pooled motion does not depend on these parameters
@@ -448,7 +447,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise ParameterError(f"--free: no parameter '{unknown[0]}'; one of {', '.join(RANGES)}")
         targets = read_reference(chosen.reference)
         _check_count(free, targets)
-        params = parameters_of("opplod", "lplc2")
+        params = OpplodLplc2Params()
         stimuli = [target.stimulus for target in targets]
         battery = (
             Battery(stimuli, params)
@@ -457,7 +456,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         rows = [target for target in targets if target.family != LOOM]
         result = _likeness(battery.peaks({}), rows)
-        print("preset: r {:.3f}, rms {:.3f}".format(*result), flush=True)
+        print("opplod_lplc2: r {:.3f}, rms {:.3f}".format(*result), flush=True)
         if chosen.ablate:
             for part, result in _ablated(battery, targets):
                 print("without {}: r {:.3f}, rms {:.3f}".format(part, *result), flush=True)
