@@ -389,7 +389,7 @@ def test_one_model_is_described_and_measured() -> None:
     assert (name, unit) == ("toy", "ms per frame\n")
     assert float(cost) >= 0
     unknown = oppload("models", "tooy")
-    assert "no model or settings 'tooy'; did you mean 'toy'" in unknown.stderr
+    assert "no detector or settings 'tooy'; did you mean 'toy'" in unknown.stderr
 
 
 def test_it_is_among_the_models() -> None:

@@ -48,7 +48,7 @@ COMMANDS = {
     "reproduce": "reproduce the synthetic figures of the OppLoD paper",
     "demo": "show the detectors at work on a looming disk",
     "stimuli": "list, show and make looming stimuli",
-    "models": "list the models and their parameters",
+    "models": "list the detectors and their parameters",
     "config": "print every setting of a run with its origin",
     "info": "print versions, for a bug report",
 }

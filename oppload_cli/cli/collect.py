@@ -31,7 +31,7 @@ def collect(
 ) -> int:
     """Collect the results in folders, to any depth, into one table.
 
-    The table has a row per input and model, from the sidecars, or with --frames a row per
+    The table has a row per input and detector, from the sidecars, or with --frames a row per
     frame. If a result cannot be collected, a message names it, and the others are collected.
     """
     collected = collecting.collect(

@@ -39,7 +39,7 @@ from oppload_cli.models import EXAMPLE_SETTING
     "again.",
 )
 @options.config(
-    help="Settings of 'oppload run' from a file, for all detectors; the models of the file are "
+    help="Settings of 'oppload run' from a file, for all detectors; those that the file names are "
     "evaluated, unless --model names others.",
 )
 @click.option(

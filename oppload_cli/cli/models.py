@@ -45,11 +45,11 @@ def _complete(_: click.Context, __: click.Parameter, text: str) -> list[Completi
 @click.option("--measure", is_flag=True, help="Measure the cost of a frame on this machine.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
-    """List the models, a line for each.
+    """List the detectors, a line for each.
 
-    NAME is a model, or a group of settings (alarm, places, rmo, repeats, time). The
+    NAME is a detector, or a group of settings (alarm, places, rmo, repeats, time). The
     command then describes NAME with every parameter and its default. --measure prints the
-    processor time that each model takes for a frame of 427 x 240 on one core.
+    processor time that each detector takes for a frame of 427 x 240 on one core.
     """
     if measure:
         if as_json:
@@ -60,7 +60,7 @@ def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
     known = list(parameter_sets())
     for name in names:
         if name not in known:
-            raise ParameterError(f"no model or settings '{name}'{suggestion(name, known)}")
+            raise ParameterError(f"no detector or settings '{name}'{suggestion(name, known)}")
     if as_json:
         click.echo(json.dumps(_described(names), indent=2))
     elif names:
@@ -72,14 +72,15 @@ def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
 
 def _list() -> None:
     click.secho(
-        "models  (ms per frame of 427 x 240 on one core; stimuli that cause a response)", bold=True
+        "detectors  (ms per frame of 427 x 240 on one core; stimuli that cause a response)",
+        bold=True,
     )
     for name, detector in detectors().items():
         cost = f"{detector.cost_ms:g}" if detector.cost_ms else ""
         click.echo(f"  {name:<20}{cost:>5}  {detector.answers_to or detector.meaning}")
     groups = ", ".join(name for name in parameter_sets() if name not in detectors())
     click.echo(
-        f"\n'oppload models NAME' describes a model with its parameters, and the settings of\n"
+        f"\n'oppload models NAME' describes a detector with its parameters, and the settings of\n"
         f"{groups}."
     )
 
@@ -166,7 +167,7 @@ def _entries(params: type[Parameters]) -> Iterator[dict[str, Any]]:
 
 
 def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the facts about some models and settings; without names, about all."""
+    """Return the facts about some detectors and settings; without names, about all."""
     sets = parameter_sets()
     everything: dict[str, dict[str, Any]] = {
         "models": {

@@ -169,10 +169,10 @@ def check_models(names: Iterable[str], command: str) -> None:
     known = known_names()
     for name in listed_names(names):
         if ":" in name:
-            names_of(name)  # raises the error, which names the model to choose
+            names_of(name)  # raises the error, which names the detector to choose
         if name != ALL and name not in known:
             raise ParameterError(
-                f"no model '{name}'{suggestion(name, known)} (load a model of your own with "
+                f"no model '{name}'{suggestion(name, known)} (load a detector of your own with "
                 f"'oppload --load FILE.py {command} ...')"
             )
 

@@ -142,7 +142,7 @@ def outcome_lines(task: Task, outcome: Outcome) -> Iterator[str]:
         reason = f"{table} exists" if exists else "another run is writing it"
         yield f"{task.name}: skipped, {reason}"
     elif not task.settings.with_alarm:
-        yield f"{task.name}: no model has an alarm; the responses are in the table"
+        yield f"{task.name}: no detector has an alarm; the responses are in the table"
     elif len(outcome.verdicts) <= MOST_IN_A_LINE:
         yield f"{task.name}: {in_words(outcome.verdicts)}"
     else:

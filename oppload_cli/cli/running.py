@@ -145,7 +145,7 @@ def _check_options(options: RunOptions, settings: Settings) -> None:
     if options.null and not options.files_from:
         raise ParameterError("--null has no effect without --files-from; give both or neither")
     if options.fail_on and not settings.with_alarm:
-        raise ParameterError(f"--fail-on: {_no_alarm(settings)}; choose another model")
+        raise ParameterError(f"--fail-on: {_no_alarm(settings)}; choose another detector")
     if options.report_pages and options.shard:
         raise ParameterError(
             "--report makes one index of all pages; leave it out with --shard, and run "
@@ -163,7 +163,7 @@ def _no_alarm(settings: Settings) -> str:
 
 
 def _notes(settings: Settings) -> Iterator[str]:
-    """Yield sentences on alarms that are off, on detectors without a floor, and on slow models."""
+    """Yield sentences on alarms that are off, on detectors without a floor, and on slow ones."""
     if without := _no_alarm(settings):
         silent = [name for name in settings.models if name not in settings.with_alarm]
         advice = f"; --set alarm.{silent[0]}_floor=NUMBER gives it one" if settings.alarm.on else ""
@@ -175,7 +175,7 @@ def _notes(settings: Settings) -> Iterator[str]:
                 f"{name} has no floor: any response above 0 may cause an alarm; set its alarm in "
                 f"its class, or --set alarm.{name}_floor=NUMBER"
             )
-    # If the user has switched the compiled loops off, the models are slow on purpose.
+    # If the user has switched the compiled loops off, the detectors are slow on purpose.
     reason = None if loops.portable else loops.why_portable() or loops.why_not_wide()
     if reason:
         slow = "10 to 20 times as slow as" if loops.arithmetic() == "portable" else "slower than"

@@ -374,11 +374,11 @@ def preset_is_gone(preset: str, name: str = "opplod") -> ParameterError:
     instead = own if own in _detectors else _GONE.get(preset, "") if name == "opplod" else name
     if not instead:
         return ParameterError(
-            f"there are no presets since 1.0, and no model '{own}'; choose a model with --model "
+            f"there are no presets since 1.0, and no detector '{own}'; choose one with --model "
             "(in Python models), as 'oppload models' lists them"
         )
     return ParameterError(
-        f"presets are models of their own since 1.0: in place of '{preset}' write --model "
+        f"presets are detectors of their own since 1.0: in place of '{preset}' write --model "
         f"{instead} (in Python models=['{instead}'])"
     )
 

@@ -278,7 +278,7 @@ def faint(peaks: Mapping[str, float], settings: Settings) -> Iterator[Doubt]:
 
     `peaks` has the largest response of each detector without an indicator.
     """
-    advice = "try other speeds, or another model ('oppload models')"
+    advice = "try other speeds, or another detector ('oppload models')"
     for name, peak in peaks.items():
         floor, label = least_response_of(name), detector_named(name).label
         alarmed = name in settings.with_alarm

@@ -42,7 +42,7 @@ WRONG = [
     (["report", "other.csv", "-o", "out"], 2, "other.csv: has no column 'frame'"),
     (["run", "empty"], 3, "empty: no video and no image in this folder"),
     (["run", "CLIP", "--model", "dlgdm"], 2, "no model 'dlgdm'; did you mean 'dlgmd'?"),
-    (["run", "CLIP", "--preset", "papr"], 2, "there are no presets since 1.0, and no model 'op"),
+    (["run", "CLIP", "--preset", "papr"], 2, "there are no presets since 1.0, and no detector"),
     (["run", "CLIP", "--preset", "paper"], 2, "in place of 'paper' write --model opplod_paper (in"),
     (["run", "CLIP", "--preset", "robust"], 2, "in place of 'robust' write --model opplod (in"),
     (["config", "--preset", "default"], 2, "in place of 'default' write --model opplod (in"),

@@ -179,7 +179,7 @@ def test_a_detector_without_an_alarm_is_told_with_the_reason(clip: Path, tmp_pat
     assert done.returncode == 0
     assert "seen at 240 x 240;" in done.stderr
     assert "; also seen at 600 x 600" in done.stderr
-    assert "loom.avi: no model has an alarm; the responses are in the table" in done.stderr
+    assert "loom.avi: no detector has an alarm; the responses are in the table" in done.stderr
     reason = "no alarm of opplod_paper: it responds to inward and outward motion alike"
     assert done.stderr.count(reason) == 1
     assert "; --set alarm.opplod_paper_floor=NUMBER gives it one\n" in done.stderr

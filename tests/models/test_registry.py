@@ -121,7 +121,7 @@ def test_the_names_that_a_user_may_write() -> None:
 def test_a_preset_is_refused_with_the_detector_that_took_its_place(name: str, instead: str) -> None:
     preset = name.partition(":")[2]
     said = (
-        f"presets are models of their own since 1.0: in place of '{preset}' write --model "
+        f"presets are detectors of their own since 1.0: in place of '{preset}' write --model "
         rf"{instead} \(in Python models=\['{instead}'\]\)$"
     )
     for text in (name, f"lgmd2, {name}"):
