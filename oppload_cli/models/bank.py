@@ -15,7 +15,7 @@ from oppload_cli.errors import DetectorError, FrameError, OpploadError, Paramete
 from oppload_cli.models.detector import Box, UnitMaps, checked_shape
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.registry import detector_of, is_of_package
-from oppload_cli.models.timebase import REFERENCE_INTERVAL, Clock, TimeParams
+from oppload_cli.models.timebase import REFERENCE_INTERVAL, ROUNDING, Clock, TimeParams
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -223,16 +223,18 @@ class DetectorBank:
             )
         return cast("UnitMaps | None", units)
 
-    def at_rest(self, intervals: float) -> dict[str, Response | None]:
+    def at_rest(self, frames: int, seconds: float) -> dict[str, Response | None]:
         """Return every detector's response to a frame in which nothing changed.
 
         The response is None unless the detector has responded before. If nothing has changed since
         the start of the video, `step` has taken only one frame. Then a detector responds as soon as
-        `intervals`, the number of intervals since the start, has reached its warm-up.
+        the time since the start, of so many frames and seconds, has reached its warm-up.
         """
         if self._photoreceptors.layer.frames == 1:
             self.responded |= {
-                name for name, detector in self.detectors.items() if intervals >= detector.warm_up
+                name
+                for name, detector in self.detectors.items()
+                if detector.layers.clock.lasted(frames, seconds) + ROUNDING >= detector.warm_up
             }
         return {name: self._at_rest(name) for name in self.detectors}
 

@@ -113,6 +113,10 @@ class Clock:
                 return now
         return 0.0 if before is None else before + self.step
 
+    def lasted(self, frames: int, seconds: float) -> float:
+        """Return the length of a time of so many frames and seconds, in intervals."""
+        return float(frames) if self._counts_frames else seconds * self.per_second
+
 
 def nearly_one(ratio: float) -> float:
     """Return 1 if a ratio differs from 1 by at most 3 %, else the ratio."""

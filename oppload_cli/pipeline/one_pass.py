@@ -13,7 +13,6 @@ from oppload_cli.frames.repeats import Repeat
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_of
-from oppload_cli.models.timebase import ROUNDING
 from oppload_cli.motion.flow import DenseFlow, Flow
 from oppload_cli.results.record import DetectorRecord, FrameRecord
 from oppload_cli.ticks import FrameTimes, seconds_of
@@ -194,10 +193,7 @@ class DetectorPass:
             return responses
         # If nothing changed, or it is not known how long the change took, every detector responds
         # with 0, whatever its earlier responses.
-        lasted = float(self._count - 1)  # intervals
-        if self._per_second:
-            lasted = seconds_of(time - self._first) * self._per_second
-        return bank.at_rest(lasted + ROUNDING)
+        return bank.at_rest(self._count - 1, seconds_of(time - self._first))
 
     def _judged(
         self, responses: dict[str, Response | None], prepared: Prepared, blind: str

@@ -132,22 +132,22 @@ def test_the_answer_at_rest_is_that_to_a_repeated_frame() -> None:
     params = [OpplodReferenceParams(), DlgmdParams(), FrameDifferenceParams()]
     bank = DetectorBank((60, 60), params)
     none = {"opplod_reference": None, "dlgmd": None, "frame_difference": None}
-    assert bank.at_rest(0) == none
+    assert bank.at_rest(0, 0) == none
     for frames in range(6):
         answers = bank.step(np.full((60, 60), 0.5, np.float32))
-        assert bank.at_rest(frames) == answers
+        assert bank.at_rest(frames, frames / 30) == answers
     assert answers["dlgmd"] == DlgmdResponse(0.0)
     bank.reset()
-    assert bank.at_rest(9) == none
+    assert bank.at_rest(9, 0.3) == none
 
 
 def test_a_detector_that_has_answered_is_never_silent() -> None:
     """Not even if its first answer was `at_rest`, in a video at rest throughout the warm-up."""
     bank = DetectorBank((60, 60), [DlgmdParams(), FrameDifferenceParams()])
     frames = looming(60, 30, 30, 6)
-    assert bank.step(frames[0]) == bank.at_rest(0.5)
-    assert bank.at_rest(2) == {"dlgmd": None, "frame_difference": Response(0.0)}
-    assert bank.at_rest(3)["dlgmd"] == DlgmdResponse(0.0)
+    assert bank.step(frames[0]) == bank.at_rest(1, 0.5 / 30)
+    assert bank.at_rest(2, 2 / 30) == {"dlgmd": None, "frame_difference": Response(0.0)}
+    assert bank.at_rest(3, 2.98 / 30)["dlgmd"] == DlgmdResponse(0.0)
     answers = [bank.step(frame)["dlgmd"] for frame in frames[1:]]
     assert answers[:2] == [DlgmdResponse(0.0)] * 2
     alone = Dlgmd((60, 60))
@@ -155,7 +155,7 @@ def test_a_detector_that_has_answered_is_never_silent() -> None:
     moved = DetectorBank((60, 60), [DlgmdParams()])
     for frame in frames[:2]:
         moved.step(frame)
-    assert moved.at_rest(9) == {"dlgmd": None}
+    assert moved.at_rest(9, 0.3) == {"dlgmd": None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -315,7 +315,7 @@ def test_each_member_that_fails_is_named(
     bank = DetectorBank((9, 9), [LooseParams()])
     bank.step(np.zeros((9, 9), np.float32))
     calls: dict[str, Callable[[], object]] = {
-        "at_rest": lambda: bank.at_rest(1),
+        "at_rest": lambda: bank.at_rest(1, 1 / 30),
         "separate": bank.separate,
         "units": lambda: bank.units_of("loose"),
     }

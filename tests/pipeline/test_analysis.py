@@ -325,6 +325,17 @@ def test_a_still_scene_answers_zero_from_the_frame_in_which_a_moving_one_is_answ
         assert [each["dlgmd"].answer is None for each in paper] == [True] * 3 + [False] * 5
 
 
+def test_a_still_start_lasts_for_frames_where_a_detector_counts_them() -> None:
+    """At 60 frames/s three intervals of 1/30 s last for six frames."""
+    still = np.full((10, 48, 64), 90, np.uint8)
+    moving = np.array([frame[:48] for frame in looming(64, 32, 24, 10)])
+    for frames in (still, moving):
+        found = list(analyse(frames, ["opplod_paper", "opplod"], rate=60, rmo=False))
+        for name, warm_up in (("opplod_paper", 3), ("opplod", 6)):
+            silent = [record[name].answer is None for record in found]
+            assert silent == [True] * warm_up + [False] * (10 - warm_up), name
+
+
 def test_a_scene_that_comes_to_rest_in_a_cadence_stays_at_rest() -> None:
     """Each picture is shown twice, and the last one for longer."""
     pictures = eight_bits([disk(60, 30, 30, 5 + 2 * t) for t in range(11)])
