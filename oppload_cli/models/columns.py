@@ -220,6 +220,7 @@ _PLACE_DETAILS = (
 )
 
 
+@cache
 def columns_of(
     detector: type[Detector], *, details: bool = False, degrees: bool = False
 ) -> tuple[RecordColumn, ...]:
@@ -235,11 +236,6 @@ def columns_of(
         Whether to include the columns in degrees of the strongest looming object (``--fov``).
     """
     tables = {USUAL, *((ALL,) if details else ()), *((DEGREES,) if degrees else ())}
-    return tuple(column for column in _all_columns(detector) if column.of in tables)
-
-
-@cache
-def _all_columns(detector: type[Detector]) -> tuple[RecordColumn, ...]:
     unit, meaning = detector.response_column
     threshold, alarm = _JUDGED
     columns = [
@@ -254,7 +250,11 @@ def _all_columns(detector: type[Detector]) -> tuple[RecordColumn, ...]:
     columns.append(_OVER_THRESHOLD)
     if detector.places:
         columns += _PLACE_DETAILS
-    return tuple(column._replace(name=f"{detector.name}_{column.name}") for column in columns)
+    return tuple(
+        column._replace(name=f"{detector.name}_{column.name}")
+        for column in columns
+        if column.of in tables
+    )
 
 
 def _own(column: Column, of: str) -> RecordColumn:
