@@ -215,7 +215,8 @@ def typed(value: Cell, kind: type) -> Cell:
         return None
     if kind in {str, bool} and not isinstance(value, kind):
         raise TypeError(f"{value!r} is no {kind.__name__}")
-    result: Cell = kind(value)
+    # A time stays one, so that it keeps its decimals.
+    result: Cell = value if kind is float and isinstance(value, Seconds) else kind(value)
     if isinstance(result, int) and not -(2**63) <= result < 2**63:
         raise ValueError("more than 64 bits")  # Parquet and most readers take 64
     return result

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from oppload_cli.errors import NoResultError, ResultError
 from oppload_cli.files.atomic import refuse_existing
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading
-from oppload_cli.files.tables import Cell, open_table, typed
+from oppload_cli.files.tables import Cell, Seconds, open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.cells import ANOTHER_RESULT, check_frames, kind_of_column, read_table
@@ -263,7 +263,8 @@ def _frame_rows(table: Path, name: str, content: dict[str, Any]) -> Iterator[Row
     columns = list(frames.columns)
     filled = frames.astype(object).where(frames.notna(), None)
     for cells in filled.itertuples(index=False, name=None):
-        yield {"result": name, "input": _text(source), **dict(zip(columns, cells, strict=True))}
+        row = dict(zip(columns, cells, strict=True))
+        yield {"result": name, "input": _text(source), **row, "time_s": Seconds(row["time_s"])}
 
 
 def _check_rows(table: Path, content: dict[str, Any]) -> None:

@@ -39,8 +39,9 @@ class DetectorRecord:
     Examples
     --------
     >>> import oppload_cli as oppload
-    >>> *_, last = oppload.analyse("controls/looming-perspective", rmo=False)
-    >>> last["opplod"].alarm, last["opplod"].response > last["opplod"].threshold
+    >>> records = list(oppload.analyse("controls/looming-perspective", rmo=False))
+    >>> said = records[90]["opplod"]
+    >>> said.alarm, said.response > said.threshold
     (True, True)
     """
 

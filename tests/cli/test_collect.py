@@ -3,6 +3,7 @@ from __future__ import annotations
 import copy
 import gc
 import json
+import re
 import shutil
 import sys
 from typing import TYPE_CHECKING, Any
@@ -134,6 +135,18 @@ def test_all_frames_in_one_table(results: Path, clip: Path, tmp_path: Path) -> N
     words = ("-o", tmp_path / "deep.csv", "--frames")
     assert oppload("collect", results / "deep", *words).returncode == 0
     assert rows_of(tmp_path / "deep.csv")[0].keys() == table[0].keys()
+
+
+def test_times_keep_all_decimals(results: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "r"
+    shutil.copytree(results / "deep", folder)
+    table = folder / "loom.frames.csv"
+    header, *lines = table.read_text().splitlines()
+    late = [re.sub(r"^(\d+),[^,]*", r"\1,10\g<1>.033333333", line) for line in lines]
+    table.write_text("\n".join([header, *late]) + "\n")
+    assert oppload("collect", folder, "-o", tmp_path / "f.csv", "--frames").returncode == 0
+    times = [row["time_s"] for row in rows_of(tmp_path / "f.csv")]
+    assert times == [f"10{frame}.033333333" for frame in range(10)]
 
 
 def test_frames_of_one_result_with_more_columns(clip: Path, tmp_path: Path) -> None:
