@@ -13,6 +13,7 @@ from oppload_cli.files.tables import Seconds, formatted
 from oppload_cli.ticks import TICKS_PER_S, FrameTimes, seconds_of, ticks
 
 MS = Fraction(1, 1000)
+CLOCKS = None, MS, Fraction(1, 90_000), Fraction(1, 30), Fraction(1, 10)
 
 
 @pytest.mark.parametrize("rate", [1, 10, 24, 25, 30, 48, 50, 60, 90, 100, 120, 1000, 90_000])
@@ -51,9 +52,7 @@ def test_any_sequence_of_times_becomes_later_with_each_frame() -> None:
     """2,000 sequences with equal, backward and far times, on clocks from 1 tick to 0.1 s."""
     random = np.random.default_rng(0)
     for _ in range(2000):
-        tick_s = [None, MS, Fraction(1, 90_000), Fraction(1, 30), Fraction(1, 10)][
-            random.integers(5)
-        ]
+        tick_s = CLOCKS[random.integers(5)]
         least, most = [(0, 3), (-2, 3), (0, 40), (-(10**6), 10**6), (0, 1)][random.integers(5)]
         given = [int(time) for time in np.cumsum(random.integers(least, most, 40))]
         rate = [None, 0.1, 30, 20_000][random.integers(4)]

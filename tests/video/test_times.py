@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from fractions import Fraction
 from functools import cache
 from itertools import pairwise
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import av
@@ -194,6 +196,30 @@ def test_the_true_rate_divides_by_the_usual_step(
         assert not any("declared" in remark for remark in video.times.remarks())
         assert not any("bursts" in remark for remark in video.times.remarks())
     assert scaled == pytest.approx([time / 8 for time in times], rel=0.01)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="named pipes are files on Unix only")
+def test_the_ticks_of_a_pipe_are_no_rate(tmp_path: Path) -> None:
+    """A pipe cannot be read twice, so that the usual step is not known when it is opened."""
+    content = write_video(
+        tmp_path / "a.webm",
+        grey_frames(12),
+        codec="libvpx",
+        pixel_format="yuv420p",
+        rate=1000,
+        times=[33 * index for index in range(12)],
+        time_base=MS,
+        options={"lag-in-frames": "0"},
+        container={"live": "1"},
+    ).read_bytes()
+    pipe = tmp_path / "pipe.webm"
+    os.mkfifo(pipe)
+    writer = Thread(target=pipe.write_bytes, args=[content])
+    writer.start()
+    with open_video(pipe) as video:
+        assert [frame.time for frame in video] == [index * ticks(0.033) for index in range(12)]
+        assert (video.facts.frame_rate, video.times.remarks()) == (None, [])
+    writer.join()
 
 
 @pytest.mark.parametrize("codec", ["libx264", "mpeg2video"])
