@@ -14,6 +14,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from oppload_cli.ticks import ticks  # loaded at once: later, its module would take its place
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
     from oppload_cli.results.record import DetectorRecord, FrameRecord
     from oppload_cli.results.tuning import Tuning, read_tuning
     from oppload_cli.schema import Parameters, parameter
-    from oppload_cli.ticks import ticks
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video, open_video
     from oppload_cli.video.span import Position, Span
@@ -82,7 +82,6 @@ _MODULES = {
     "detection.contact": ("PlaceParams",),
     "detection.places": ("Detection",),
     "errors": ("OpploadError",),
-    "ticks": ("ticks",),
     "models.bank": ("DetectorBank",),
     "models.detector": ("AlarmRule", "Box", "Column", "Detector", "Response", "UnitMaps"),
     "models.dlgmd": ("Dlgmd", "DlgmdParams", "DlgmdResponse"),
