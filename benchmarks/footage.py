@@ -31,10 +31,10 @@ import av
 import cv2
 import numpy as np
 
+from oppload_cli.frame_times import ticks
 from oppload_cli.frames.repeats import NEAR, Repeat, RepeatParams, Repeats
 from oppload_cli.models.registry import least_response_of
 from oppload_cli.pipeline.analysis import analyse
-from oppload_cli.ticks import ticks
 from oppload_cli.video.source import open_video
 from oppload_cli.video.writers import ON_ANY_PROCESSOR
 

@@ -36,6 +36,7 @@ from oppload_cli.evaluation.manifest import Entry, read_manifest
 from oppload_cli.evaluation.metrics.alarms import shipped
 from oppload_cli.evaluation.metrics.clips import Clip
 from oppload_cli.evaluation.metrics.intervals import draws_of
+from oppload_cli.frame_times import ticks
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
@@ -43,7 +44,6 @@ from oppload_cli.processes import cores
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load, load_all
 from oppload_cli.stimulus.renderer import Renderer
-from oppload_cli.ticks import ticks
 from oppload_cli.video.frames import WORKING_HEIGHT
 from oppload_cli.video.source import open_video
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.ticks import ticks  # loaded at once: later, its module would take its place
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from oppload_cli.detection.contact import PlaceParams
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
+    from oppload_cli.frame_times import ticks
     from oppload_cli.models.bank import DetectorBank
     from oppload_cli.models.detector import AlarmRule, Box, Column, Detector, Response, UnitMaps
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
@@ -82,6 +82,7 @@ _MODULES = {
     "detection.contact": ("PlaceParams",),
     "detection.places": ("Detection",),
     "errors": ("OpploadError",),
+    "frame_times": ("ticks",),
     "models.bank": ("DetectorBank",),
     "models.detector": ("AlarmRule", "Box", "Column", "Detector", "Response", "UnitMaps"),
     "models.dlgmd": ("Dlgmd", "DlgmdParams", "DlgmdResponse"),

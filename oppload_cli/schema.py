@@ -441,13 +441,18 @@ class Parameters(DeclaredTable):
         automatic = declared.optional and isinstance(value, str) and value == AUTO
         return super()._checked(declared, None if automatic else value)
 
-    def parsed(self, name: str, text: str) -> object:
+    def parsed(self, name: str, value: object) -> object:
         """Convert a text such as ``"200"``, ``"0.5,0.3"`` or ``"auto"`` for a parameter.
 
-        :meth:`replaced` checks the range. Raises ParameterError if the name is unknown, or the text
-        cannot be converted.
+        A value of another type stays as it is, but a number for a text becomes one.
+        :meth:`replaced` checks type and range. Raises ParameterError if the name is unknown, or the
+        text cannot be converted.
         """
         declared = self._declared_as(name)
+        if not isinstance(value, str):
+            is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+            return str(value) if declared.type is str and is_number else value
+        text = value
         if declared.optional and text.lower() in {"none", AUTO}:
             return None
         if declared.type in {str, Fraction}:

@@ -560,7 +560,7 @@ def test_a_record_knows_the_detectors_that_ran() -> None:
     others: list[Any] = ["dlgmd", [], names]
     for wrong, hint in (("oplod", "did you mean"), *((each, "choose") for each in others)):
         with pytest.raises(ParameterError, match=f"has no response in .*; {hint} '?opplod"):
-            record[wrong].over_threshold
+            _ = record[wrong]
 
 
 def test_a_result_shows_that_its_input_is_doubtful(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ _ROOMS: dict[str, tuple[int, str]] = {
     "annotation": (0, "annotated videos"),
     "stimulus": (3, "protocols, frames, truth"),
     "detection": (2, "alarms, places, contact"),
+    "frames": (4, "times, repeats, between"),
     "results": (0, "records, tables, sidecars"),
     "models": (1, "the detectors"),
     "motion": (2, "optical flow, RMO"),
@@ -43,6 +44,7 @@ _ROOMS: dict[str, tuple[int, str]] = {
     "processes": (4, "processes, threads, signals"),
     "schema": (0, "parameters"),
     "errors": (1, "errors, exit codes"),
+    "frame_times": (5, "times in ticks"),
     "palette": (2, "colours"),
     "reference": (3, "published data"),
     "version": (4, "one number"),
@@ -50,10 +52,11 @@ _ROOMS: dict[str, tuple[int, str]] = {
 
 # The way of one frame: each room that it enters, and what happens in the room.
 _WAY = (
-    ("video", "the source decodes a picture and gives Frame(index, time_s, luma)"),
-    ("pipeline", "repeats are skipped; all other frames go to all detectors"),
+    ("video", "the source decodes a picture and gives Frame(index, time, luma)"),
+    ("frames", "repeats are found, the flow is measured"),
+    ("pipeline", "the frame goes to all detectors, at the height of each"),
     ("models", "each detector's step(luma) returns a response, or None while it warms up"),
-    ("motion", "optical flow and RMO, beside the detectors"),
+    ("motion", "optical flow, RMO and growth"),
     ("detection", "alarms, places and times to contact, from the frames so far"),
     ("results", "one record per frame, one row per record"),
     ("files", "rows reach the part file, which is renamed at the end"),

@@ -31,7 +31,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
     "answers": ("stimulus", "detection", "frames", "results"),
     "science": ("models", "motion", "video"),
     "machine": ("compute", "processes", "files", "environment"),
-    "ground": ("schema", "errors", "palette", "reference", "ticks", "version"),
+    "ground": ("schema", "errors", "palette", "reference", "frame_times", "version"),
 }
 
 # The way from a frame to OppLoD's response.
@@ -47,9 +47,9 @@ OPPLOD = (
     "pipeline/repeats.py",
     "pipeline/one_pass.py",
     "frames/*.py",
-    "ticks.py",
+    "frame_times.py",
 )
-_SCIENCE = {"models", "detection", "motion", "frames", "ticks"}
+_SCIENCE = {"models", "detection", "motion", "frames", "frame_times"}
 _MIDDLE_FRAME = """
 import sys
 import numpy as np

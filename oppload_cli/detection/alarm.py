@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.frame_times import ticks
 from oppload_cli.models.registry import detector_named, known_names
 from oppload_cli.models.timebase import REFERENCE_INTERVAL, Background
 from oppload_cli.schema import Parameters, parameter
-from oppload_cli.ticks import ticks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -123,11 +123,19 @@ class AlarmParams(Parameters):
             )
 
     def rule_of(self, name: str) -> AlarmRule:
-        """Return the rule of a detector's alarm: its own, with the values that are set here."""
+        """Return the rule of a detector's alarm: its own, with the values that are set here.
+
+        Raises ParameterError if its window is shorter than the time that it needs.
+        """
         rule = detector_named(name).alarm
         set_here = {"floor": getattr(self, f"{name}_floor", None)}
         set_here |= {key: getattr(self, key) for key in ("factor", "enough_s", "window_s")}
         rule = rule._replace(**{k: value for k, value in set_here.items() if value is not None})
+        if rule.enough_s > rule.window_s:
+            raise ParameterError(
+                f"parameter 'window_s' of alarm must be at least the 'enough_s' of {name}, "
+                f"{rule.enough_s:g}, not {rule.window_s:g}"
+            )
         return rule if self.on else rule._replace(floor=None, why_none="alarm.on is false")
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from oppload_cli.frame_times import ticks
 from oppload_cli.schema import Parameters, parameter
-from oppload_cli.ticks import ticks
 
 if TYPE_CHECKING:
     from oppload_cli.motion.growth import LocalMotion

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from oppload_cli.detection.contact import Contact
+from oppload_cli.frame_times import ticks
 from oppload_cli.models.detector import Box
 from oppload_cli.motion.growth import box_about, motion_about
-from oppload_cli.ticks import ticks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

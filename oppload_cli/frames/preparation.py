@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
+from oppload_cli.frame_times import seconds_of, ticks
 from oppload_cli.frames.repeats import EXACT, Repeat
 from oppload_cli.motion.flow import Flow, rmo_of
 from oppload_cli.motion.rmo import RmoMetrics
-from oppload_cli.ticks import seconds_of, ticks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from oppload_cli.frame_times import FrameTimes
     from oppload_cli.frames.repeats import Repeats
     from oppload_cli.motion.flow import DenseFlow
     from oppload_cli.motion.rmo import RmoParams
-    from oppload_cli.ticks import FrameTimes
     from oppload_cli.video.frames import Frame
 
 # A cadence that the first 0.6 s prove, or those after a still start, counts from their first frame

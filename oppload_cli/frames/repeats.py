@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import cv2
 import numpy as np
 
+from oppload_cli.frame_times import TICKS_PER_S, in_digits, seconds_of, ticks
 from oppload_cli.schema import Parameters, parameter
-from oppload_cli.ticks import TICKS_PER_S, in_digits, seconds_of, ticks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
     from oppload_cli.files.tables import Cell
     from oppload_cli.models.detector import Column, Detector
-    from oppload_cli.results.record import DetectorRecord, FrameRecord
+
+    # Takes a FrameRecord or a DetectorRecord of :mod:`oppload_cli.results.record`.
+    Value = Callable[[Any], Cell]
 
 USUAL, ALL, DEGREES = "usual", "all", "degrees"  # the tables that have a column
 
@@ -28,39 +30,39 @@ class RecordColumn(NamedTuple):
     name: str
     unit: str
     meaning: str
-    value: Callable[[Any], Cell]  # of a FrameRecord, or of a DetectorRecord
+    value: Value
     of: str = USUAL  # all: with ``--columns all``; degrees: if the field of view is known
 
 
-def _time(record: FrameRecord) -> Seconds:
+def _time(record: Any) -> Seconds:
     return Seconds(record.time_s)
 
 
-def _rmo(name: str) -> Callable[[FrameRecord], Cell]:
+def _rmo(name: str) -> Value:
     return lambda record: getattr(record.rmo, name, None)
 
 
-def _box(name: str) -> Callable[[DetectorRecord], Cell]:
+def _box(name: str) -> Value:
     return lambda said: getattr(said.box, name, None)
 
 
-def _unit(axis: int) -> Callable[[DetectorRecord], Cell]:
-    def value(said: DetectorRecord) -> Cell:
+def _unit(axis: int) -> Value:
+    def value(said: Any) -> Cell:
         box = said.answer and said.answer.box
-        return box.centre[axis] if box else None
+        return float(box.centre[axis]) if box else None
 
     return value
 
 
-def _object(name: str) -> Callable[[DetectorRecord], Cell]:
+def _object(name: str) -> Value:
     return lambda said: getattr(said.object, name, None)
 
 
-def _view(name: str) -> Callable[[DetectorRecord], Cell]:
+def _view(name: str) -> Value:
     return lambda said: getattr(said.object and said.object.view, name, None)
 
 
-def _inner(name: str) -> Callable[[DetectorRecord], Cell]:
+def _inner(name: str) -> Value:
     return lambda said: getattr(said.answer, name, None)
 
 

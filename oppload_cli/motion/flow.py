@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import FrameError
+from oppload_cli.frame_times import seconds_of, ticks
 from oppload_cli.motion.rmo import RmoMetrics, RmoParams, length, rmo_metrics
-from oppload_cli.ticks import seconds_of, ticks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,6 +14,7 @@ import numpy as np
 from oppload_cli.detection.alarm import AlarmParams, alarm_params_with
 from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.errors import FrameError, ParameterError, counted
+from oppload_cli.frame_times import ticks
 from oppload_cli.frames.repeats import RepeatParams, Repeats
 from oppload_cli.models.detector import checked_shape
 from oppload_cli.models.registry import (
@@ -29,7 +30,6 @@ from oppload_cli.pipeline.one_pass import DetectorPass, PassParams
 from oppload_cli.pipeline.sources import ArrayLuminance, open_source
 from oppload_cli.processes.threads import Prefetch
 from oppload_cli.schema import Parameters
-from oppload_cli.ticks import ticks
 from oppload_cli.video.frames import (
     AUTO,
     MAX_PIXELS,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.detection.alarm import Alarm, Cuts
 from oppload_cli.detection.places import Detections
+from oppload_cli.frame_times import FrameTimes, seconds_of
 from oppload_cli.frames.between import Interpolation
 from oppload_cli.frames.preparation import Preparation, Prepared
 from oppload_cli.frames.repeats import Repeat
@@ -15,7 +16,6 @@ from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_of
 from oppload_cli.motion.flow import DenseFlow, Flow
 from oppload_cli.results.record import DetectorRecord, FrameRecord
-from oppload_cli.ticks import FrameTimes, seconds_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,7 +10,7 @@ import tomllib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
-from oppload_cli.detection.alarm import AlarmParams, alarm_params_with
+from oppload_cli.detection.alarm import AlarmParams, alarm_params, alarm_params_with
 from oppload_cli.detection.contact import PlaceParams
 from oppload_cli.errors import ParameterError, faults_at, suggestion
 from oppload_cli.files.reading import reading, text_of
@@ -176,7 +176,7 @@ def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
     """Return the meaning and the class of each parameter set, by its name in settings."""
     return {
         **{name: (each.meaning, each.parameters) for name, each in detectors().items()},
-        "alarm": ("the alarm of each model", AlarmParams),
+        "alarm": ("the alarm of each model", type(alarm_params())),
         "places": (
             "looming objects: their number, their places and their times to contact",
             PlaceParams,
@@ -331,8 +331,7 @@ def _with_command_line(
             angles[full_name] = angle
         else:
             angles.pop(full_name, None)
-            typed = groups[group].parsed(name, value) if isinstance(value, str) else value
-            changes.setdefault(group, {})[name] = typed
+            changes.setdefault(group, {})[name] = groups[group].parsed(name, value)
         origins[full_name] = _COMMAND_LINE
     for group, values in changes.items():
         groups[group] = groups[group].replaced(**values)

@@ -14,7 +14,7 @@ import numpy as np
 from oppload_cli import stimulus
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.files.reading import is_there
-from oppload_cli.ticks import FrameTimes, ticks
+from oppload_cli.frame_times import FrameTimes, ticks
 from oppload_cli.video.frames import (
     AUTO,
     DecodeFacts,

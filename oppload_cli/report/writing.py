@@ -27,6 +27,7 @@ from av.video.reformatter import Colorspace
 from oppload_cli.errors import OpploadError, OutputError, SourceError, printable
 from oppload_cli.files.atomic import PartFile, make_folder, output_errors, write_atomic
 from oppload_cli.files.html import embedded, rendered
+from oppload_cli.frame_times import seconds_of
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.report.content import Content, RelativeCurve
@@ -39,7 +40,6 @@ from oppload_cli.results.result_files import (
     title_and_input,
 )
 from oppload_cli.results.table import PAGE
-from oppload_cli.ticks import seconds_of
 from oppload_cli.version import __version__
 from oppload_cli.video.inputs import REPORTED
 from oppload_cli.video.source import source_of, stop

@@ -19,8 +19,8 @@ from av.video.frame import PictureType
 from av.video.reformatter import ColorTrc
 
 from oppload_cli.errors import SourceError, counted, reason_of, without_login
+from oppload_cli.frame_times import seconds_of, ticks
 from oppload_cli.processes import cores
-from oppload_cli.ticks import seconds_of, ticks
 from oppload_cli.video.arrivals import Arrivals
 from oppload_cli.video.declared import (
     declared_end,

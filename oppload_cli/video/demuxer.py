@@ -14,7 +14,7 @@ import av
 
 from oppload_cli.errors import SourceError, cannot_read, reason_of
 from oppload_cli.files.reading import is_file
-from oppload_cli.ticks import FrameTimes, ticks
+from oppload_cli.frame_times import FrameTimes, ticks
 from oppload_cli.video.declared import video_streams
 from oppload_cli.video.frames import USUAL_BITS, check_pixels, max_pixels
 from oppload_cli.video.inputs import is_address
@@ -147,7 +147,7 @@ def decoder_limit() -> str:
 def usual_rate(name: str) -> Fraction | None:
     """Return the usual number of frames per second of a file, by the times of its first packets.
 
-    None if they have no times. Source: :attr:`oppload_cli.ticks.FrameTimes.rate`.
+    None if they have no times. Source: :attr:`oppload_cli.frame_times.FrameTimes.rate`.
     """
     with open_container(name, 0) as container:
         stream = video_stream(name, container)

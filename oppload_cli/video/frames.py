@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from oppload_cli.errors import ParameterError, SourceError
+from oppload_cli.frame_times import seconds_of
 from oppload_cli.schema import is_integer
-from oppload_cli.ticks import seconds_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from numpy.typing import NDArray
 
-    from oppload_cli.ticks import FrameTimes
+    from oppload_cli.frame_times import FrameTimes
 
 
 WORKING_HEIGHT = 240  # px; the height at which the frames themselves are measured

@@ -20,7 +20,7 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from oppload_cli.errors import SourceError, reason_of
-from oppload_cli.ticks import USUAL_RATE, ticks
+from oppload_cli.frame_times import USUAL_RATE, ticks
 from oppload_cli.video.arrivals import Arrivals
 from oppload_cli.video.frames import (
     MAX_PIXELS,

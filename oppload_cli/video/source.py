@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.files.reading import is_folder, is_there
+from oppload_cli.frame_times import FrameTimes
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.schema import is_integer
-from oppload_cli.ticks import FrameTimes
 from oppload_cli.video.frames import (
     MOST_WAITING,
     WORKING_HEIGHT,

@@ -9,8 +9,8 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.frame_times import FrameTimes, ticks
 from oppload_cli.schema import is_integer
-from oppload_cli.ticks import FrameTimes, ticks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

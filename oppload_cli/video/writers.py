@@ -30,7 +30,7 @@ from PIL import Image
 
 from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile, PartFolder
-from oppload_cli.ticks import USUAL_RATE
+from oppload_cli.frame_times import USUAL_RATE
 from oppload_cli.video.frames import turned
 from oppload_cli.video.luminance import as_displayed, luminance_table
 from oppload_cli.video.planes import convertible, resized

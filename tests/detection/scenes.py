@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from oppload_cli.detection.alarm import alarm_params
+from oppload_cli.frame_times import ticks
 from oppload_cli.pipeline.analysis import analyse
-from oppload_cli.ticks import ticks
 from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
 from tests.media import disk, texture
 

@@ -10,8 +10,8 @@ import pytest
 
 from oppload_cli.detection.alarm import Alarm, AlarmParams, _Steps, alarm_params
 from oppload_cli.errors import ParameterError
+from oppload_cli.frame_times import ticks
 from oppload_cli.models.registry import detectors
-from oppload_cli.ticks import ticks
 
 RATE = 32
 # Nothing but the floor, frame by frame.

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oppload_cli.ticks import FrameTimes, seconds_of, ticks
+from oppload_cli.frame_times import FrameTimes, seconds_of, ticks
 from oppload_cli.video.frames import DecodeFacts
 
 MS = Fraction(1, 1000)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import open_video
+from oppload_cli.frame_times import FrameTimes, seconds_of, ticks
 from oppload_cli.frames.preparation import Preparation
 from oppload_cli.frames.repeats import (
     EXACT,
@@ -22,7 +23,6 @@ from oppload_cli.frames.repeats import (
 )
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.ticks import FrameTimes, seconds_of, ticks
 from oppload_cli.video.frames import Frame
 from tests.media import texture, write_video
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import oppload_cli
 from oppload_cli.files.tables import Seconds, formatted
-from oppload_cli.ticks import TICKS_PER_S, FrameTimes, seconds_of, ticks
+from oppload_cli.frame_times import TICKS_PER_S, FrameTimes, seconds_of, ticks
 
 MS = Fraction(1, 1000)
 CLOCKS = None, MS, Fraction(1, 90_000), Fraction(1, 30), Fraction(1, 10)
@@ -32,11 +31,6 @@ def test_the_nearest_tick_is_taken_for_numbers_of_any_kind() -> None:
     one: Any
     for one in (1, 1.0, np.int64(1), np.float32(1), np.float64(1), Fraction(1)):
         assert ticks(one) == TICKS_PER_S
-
-
-def test_the_module_does_not_hide_its_function() -> None:
-    """The package has a module and a function of this name."""
-    assert oppload_cli.ticks is ticks
 
 
 def test_times_one_tick_apart_have_different_cells() -> None:

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from oppload_cli.frame_times import ticks
 from oppload_cli.models import timebase
 from oppload_cli.models.timebase import Background
-from oppload_cli.ticks import ticks
 
 pytestmark = pytest.mark.once
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from oppload_cli import Analysis, analyse
+from oppload_cli.frame_times import ticks
 from oppload_cli.frames.between import Interpolation
 from oppload_cli.models.registry import detector_named
 from oppload_cli.models.units import CellDetector
 from oppload_cli.motion.flow import DenseFlow, Flow
-from oppload_cli.ticks import ticks
 from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
 from tests.media import disk, texture
 

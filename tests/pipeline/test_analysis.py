@@ -507,7 +507,7 @@ def undisturbed() -> list[FrameRecord]:
 def test_one_wrong_time_costs_neither_alarm_nor_time_to_contact(
     frame: int, late_s: float, undisturbed: list[FrameRecord]
 ) -> None:
-    """After a jump by seconds the models begin again, and 0.345 s are blind."""
+    """After a jump by seconds the models begin again, and 0.35 s are blind."""
     wrong = Analysis((180, 320))
     alarms, contacts = [], []
     for index, (picture, right) in enumerate(zip(approach(), undisturbed, strict=True)):
@@ -781,7 +781,7 @@ def test_a_refused_frame_leaves_no_trace(undisturbed: list[FrameRecord]) -> None
     ("still", "blind_s"), [(0, [0, 0.1, 0.2, 0.3]), (1, [0, 0.2, 0.3, 0.4, 0.5])]
 )
 def test_the_start_at_ten_frames_per_second(still: int, blind_s: list[float]) -> None:
-    """After the first frame 0.345 s are blind; after a still picture, from 1/30 s before motion."""
+    """After the first frame 0.35 s are blind; after a still picture, from 1/30 s before motion."""
     analysis = Analysis((60, 80), rate=10, height=60)
     ground = texture(60, 80, 1)
     shown = [np.roll(ground, 2 * max(0, t - still), axis=1) for t in range(9)]

@@ -20,11 +20,11 @@ from oppload_cli.errors import (
     ParameterError,
     ShortageError,
 )
+from oppload_cli.frame_times import FrameTimes, ticks
 from oppload_cli.pipeline.execute import _threads, analyse_source, run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import open_source
 from oppload_cli.pipeline.task import Interrupted, Outputs, Task
-from oppload_cli.ticks import FrameTimes, ticks
 from oppload_cli.video.frames import DecodeFacts, Frame, InputFacts, WorkingSize
 from oppload_cli.video.span import Position, Span
 from tests.media import grey_frames, write_video

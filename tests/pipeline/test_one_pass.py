@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.detection.places import Detection
+from oppload_cli.frame_times import ticks
 from oppload_cli.frames.preparation import Prepared
 from oppload_cli.frames.repeats import EXACT, Repeat
 from oppload_cli.models.detector import Box, Response
@@ -16,7 +17,6 @@ from oppload_cli.models.timebase import TimeParams
 from oppload_cli.motion.rmo import RmoMetrics
 from oppload_cli.pipeline.analysis import pass_params
 from oppload_cli.pipeline.one_pass import DetectorPass, PassParams
-from oppload_cli.ticks import ticks
 from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
 from tests.media import texture
 

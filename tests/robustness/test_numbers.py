@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.frame_times import ticks
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import Outputs, Task
 from oppload_cli.stimulus import ground_truth, load_all
-from oppload_cli.ticks import ticks
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture, WorkingSize
 from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.optics import Optics

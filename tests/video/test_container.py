@@ -15,8 +15,8 @@ from av.bitstream import BitStreamFilterContext
 from PIL import Image
 
 from oppload_cli.errors import ParameterError, SourceError, shortage
+from oppload_cli.frame_times import seconds_of
 from oppload_cli.models.registry import default_names, detector_named
-from oppload_cli.ticks import seconds_of
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import MAX_PIXELS

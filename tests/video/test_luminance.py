@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.ticks import in_digits
+from oppload_cli.frame_times import in_digits
 from oppload_cli.video.frames import (
     InputFacts,
     Picture,

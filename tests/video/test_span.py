@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.ticks import ticks
+from oppload_cli.frame_times import ticks
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Position, Span, parse_position

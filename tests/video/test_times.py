@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import open_video, read_result
-from oppload_cli.ticks import TICKS_PER_S, ticks
+from oppload_cli.frame_times import TICKS_PER_S, ticks
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 from tests.results.make import rows_of
