@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli import DlgmdParams, OpplodResponse, analyse, open_video
+from oppload_cli import OpplodReferenceParams, analyse, open_video
 from oppload_cli.detection.alarm import alarm_params
-from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
-from oppload_cli.evaluation.evaluate import _groups, analyse_clips
+from oppload_cli.evaluation.detectors import evaluated_detectors
+from oppload_cli.evaluation.evaluate import analyse_clips
 from oppload_cli.evaluation.manifest import Entry
 from oppload_cli.evaluation.metrics.alarms import shipped
 from oppload_cli.evaluation.metrics.clips import Label
@@ -20,13 +20,12 @@ from oppload_cli.models.detector import Box
 from oppload_cli.models.flow_divergence import FlowDivergence
 from oppload_cli.stimulus import load
 from tests.media import grey_frames, write_video
-from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 # Tests in which the size does not matter are quick at a small one.
-SMALL = [replace(each, height=60) for each in evaluated_detectors(["opplod:reference"])]
+SMALL = evaluated_detectors(["opplod_reference"], height="60")
 
 
 def test_the_times_of_a_clip_in_slow_motion_are_those_of_its_camera(tmp_path: Path) -> None:
@@ -45,35 +44,32 @@ def test_the_times_of_a_clip_in_slow_motion_are_those_of_its_camera(tmp_path: Pa
 @pytest.mark.long
 def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
     path = labelled / "beside.avi"
-    # Two OppLoDs of the same size, and one of another, in step.
-    wide = EvaluatedDetector(
-        "opplod:wide", "", 120, REFERENCE.replaced(receptive_field=80), alarm_params()
+    chosen = evaluated_detectors(
+        ["opplod_reference", "opplod_paper"], assignments={"opplod_reference.cell": 6}
     )
-    small = EvaluatedDetector("opplod:small", "", 60, REFERENCE, alarm_params())
-    usual = [replace(each, height=120) for each in evaluated_detectors(["opplod:reference"])]
     entry = Entry(2, path, Label("beside.avi", 45, 89))
-    (analysed,) = analyse_clips([entry], [wide, small, *usual])
+    (analysed,) = analyse_clips([entry], chosen)
     clip = analysed.clip
     assert clip is not None
     assert analysed.faults == []
     assert (len(clip), clip.width, clip.height, clip.first) == (90, 160, 120, 3)
-    assert list(clip.outputs)[:3] == ["opplod:wide", "opplod:small", "opplod:reference"]
-    for name, params, height in (
-        ("opplod:reference", REFERENCE, 120),
-        ("opplod:wide", REFERENCE.replaced(receptive_field=80), 120),
-        ("opplod:small", REFERENCE, 60),
-        ("dlgmd", DlgmdParams(), 120),
+    assert list(clip.outputs)[:3] == ["opplod_reference", "opplod_paper", "dlgmd"]
+    for name, params in (
+        ("opplod_reference", OpplodReferenceParams(cell=6)),
+        ("opplod_paper", "opplod_paper"),
+        ("dlgmd", "dlgmd"),
     ):
-        with open_video(path, height=height) as video:
-            records = list(analyse(video, [params], rmo=None))
-        found, model = clip.outputs[name], name.split(":", maxsplit=1)[0]
-        answers = [record.responses[model] for record in records]
-        alone = [np.nan if each is None else each.response for each in answers]
-        assert np.array_equal(found.response, alone, equal_nan=True)
-        assert found.alarm is not None
-        assert found.alarm.tolist() == [record.alarms.get(model, False) for record in records]
-        last = answers[-1]
-        if isinstance(last, OpplodResponse) and last.box and found.winner is not None:
+        records = list(analyse(path, [params], rmo=None))
+        found, said = clip.outputs[name], [record[name] for record in records]
+        responses = [np.nan if one.response is None else one.response for one in said]
+        assert np.array_equal(found.response, responses, equal_nan=True)
+        if name == "opplod_paper":
+            assert found.alarm is None
+        else:
+            assert found.alarm is not None
+            assert found.alarm.tolist() == [one.alarm for one in said]
+        last = said[-1].answer
+        if last and last.box and found.winner is not None:
             box = last.box
             assert found.winner[-1].tolist() == [box.x, box.y, box.width, box.height]
         else:
@@ -84,17 +80,9 @@ def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
     )
 
 
-def test_detectors_share_a_pass_if_their_alarms_are_the_same() -> None:
-    one = EvaluatedDetector("opplod", "", 60, REFERENCE, alarm_params())
-    same = EvaluatedDetector("dlgmd", "", 60, DlgmdParams(), alarm_params())
-    other = replace(same, alarm=alarm_params(factor=9.0))
-    assert [len(group) for group in _groups([one, same, one])] == [2, 1]
-    assert [len(group) for group in _groups([one, other])] == [1, 1]
-
-
 @pytest.mark.long
 def test_a_detector_whose_alarms_are_off_is_not_one_without_a_false_alarm() -> None:
-    off = replace(SMALL[0], alarm=alarm_params("paper"))
+    off = replace(SMALL[0], alarm=alarm_params(on=False))
     ((clip, _),) = analyse_clips([Entry(2, load("controls/static-texture"), Label("still"))], [off])
     assert clip is not None
     found = shipped([clip], off.name, draws_of([False], 100))

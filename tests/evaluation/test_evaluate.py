@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from tests.browser import Browser
-DETECTORS = ["opplod:reference", "dlgmd", "frame_difference", "flow_divergence"]
+DETECTORS = ["opplod_reference", "dlgmd", "frame_difference", "flow_divergence"]
 
 
 class Page(HTMLParser):
@@ -57,7 +57,7 @@ class Page(HTMLParser):
 def evaluated(labelled: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("evaluated")
     done = oppload(
-        "evaluate", labelled / "manifest.csv", "-o", folder, "--model", "opplod:reference",
+        "evaluate", labelled / "manifest.csv", "-o", folder, "--model", "opplod_reference",
         "--draws", "100", "-j", "1",
     )  # fmt: skip
     assert done.returncode == 0
@@ -107,9 +107,9 @@ def test_the_figures_of_looming_and_moving_disks(evaluated: Path) -> None:
         ("ordered_pairs", "0 frames before contact", 1),
         ("place_inside", "within 15 frames of contact", 1),
     ):
-        assert float(found["opplod:reference", measure, condition]["value"]) == value
-    assert 0.3 < float(found["opplod:reference", "lead_time_s", one]["value"]) < 1.5
-    near = found["opplod:reference", "place_distance_px", "within 15 frames of contact"]
+        assert float(found["opplod_reference", measure, condition]["value"]) == value
+    assert 0.3 < float(found["opplod_reference", "lead_time_s", one]["value"]) < 1.5
+    near = found["opplod_reference", "place_distance_px", "within 15 frames of contact"]
     assert float(near["value"]) < 8
     assert near["n"] == "8"  # frames 75, 80, 85 and 88 of two clips
     # One disk is in the middle, the other 26 px to the side of it and 14 px above.
@@ -132,16 +132,16 @@ def test_responses_and_windows_give_the_figures_again(evaluated: Path) -> None:
     own = [
         row
         for row in responses
-        if (row["clip"], row["contender"]) == ("centre.avi", "opplod:reference")
+        if (row["clip"], row["contender"]) == ("centre.avi", "opplod_reference")
     ]
-    threshold = float(found["opplod:reference", "threshold", "at 1 per minute"]["value"])
+    threshold = float(found["opplod_reference", "threshold", "at 1 per minute"]["value"])
     first = next(
         int(row["frame"])
         for row in own
         if int(row["frame"]) >= ONSET and float(row["evidence"] or 0) > threshold
     )
     report: dict[str, Any] = json.loads((evaluated / "report.json").read_text())
-    outcome = report["clips"][0]["outcomes"]["opplod:reference"]["at 1 per minute"]
+    outcome = report["clips"][0]["outcomes"]["opplod_reference"]["at 1 per minute"]
     assert outcome["lead_s"] == pytest.approx((CONTACT - first) / 30)
     windows = [
         row for row in rows_of(evaluated / "windows.csv") if row["contender"] == "frame_difference"
@@ -264,7 +264,7 @@ def test_the_same_clips_give_the_same_bytes(
     evaluated: Path, labelled: Path, tmp_path: Path
 ) -> None:
     done = process.oppload(
-        "evaluate", labelled / "manifest.csv", "-o", tmp_path, "--model", "opplod:reference",
+        "evaluate", labelled / "manifest.csv", "-o", tmp_path, "--model", "opplod_reference",
         "--draws", "100", "-j", "2", "-q",
     )  # fmt: skip
     assert done.returncode == 0
@@ -293,7 +293,7 @@ def test_faults_are_reported_and_the_rest_runs(labelled: Path, tmp_path: Path) -
         "text.avi,none,,,\n"
     )
     done = oppload(
-        "evaluate", manifest, "-o", tmp_path / "out", "--model", "opplod:reference",
+        "evaluate", manifest, "-o", tmp_path / "out", "--model", "opplod_reference",
         "--draws", "100", "-j", "1",
     )  # fmt: skip
     assert done.returncode == 4
@@ -312,9 +312,9 @@ def test_wrong_use(evaluated: Path, labelled: Path, tmp_path: Path) -> None:
     manifest = labelled / "manifest.csv"
     for code, reason, arguments in (
         (2, "cannot be read", (tmp_path / "no.csv",)),
-        (2, "did you mean 'opplod:reference'", (manifest, "--model", "opplod:refrence")),
+        (2, "did you mean 'opplod_reference'", (manifest, "--model", "opplod_refrence")),
         (2, "did you mean 'opplod'?", (manifest, "--model", "opplood")),
-        (2, "no preset changes dlgmd; leave out ':paper'", (manifest, "--model", "dlgmd:paper")),
+        (2, "write --model opplod_paper", (manifest, "--model", "opplod:paper")),
         (2, "check --boxes", (manifest, "--boxes", tmp_path / "no.json")),
     ):
         done = oppload("evaluate", *arguments)

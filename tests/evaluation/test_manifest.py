@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.errors import ManifestError, ParameterError
 from oppload_cli.evaluation.detectors import evaluated_detectors
 from oppload_cli.evaluation.inputs import clips_of
 from oppload_cli.evaluation.manifest import read_manifest, with_boxes
-from oppload_cli.models.frame_difference import FrameDifference
+from oppload_cli.models.registry import detectors
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -218,85 +217,64 @@ def test_a_file_without_boxes(folder: Path, content: str) -> None:
 
 
 def test_settings_hold_for_all_evaluated_detectors() -> None:
-    changes = ["opplod.cell=10", "alarm.hold_s=1.5", "time.interval=frame"]
-    usual = evaluated_detectors(["opplod:default", "opplod:reference"])
-    found = evaluated_detectors(["opplod:default", "opplod:reference"], "keep", changes)
-    assert [each.name for each in found] == [each.name for each in usual]
-    for each, before in zip(found, usual, strict=True):
-        stated, was = each.as_dict(), before.as_dict()
+    changes = {"opplod.cell": 10, "alarm.hold_s": 1.5, "time.interval": "frame"}
+    usual = evaluated_detectors(["opplod", "opplod_reference"])
+    found = evaluated_detectors(["opplod", "opplod_reference"], "keep", changes)
+    assert [one.name for one in found] == [one.name for one in usual]
+    for one, before in zip(found, usual, strict=True):
+        stated, was = one.as_dict(), before.as_dict()
         assert stated["alarm"]["hold_s"] == 1.5 != was["alarm"]["hold_s"]
         assert stated["alarm"]["factor"] == was["alarm"]["factor"]
         assert stated["time"]["interval"] == "frame" != was["time"]["interval"]
         assert stated["repeats"]["handling"] == "keep"
         assert stated["height"] == was["height"]
         changed = {k for k, v in stated["parameters"].items() if v != was["parameters"][k]}
-        assert changed == ({"cell"} if each.detector == "opplod" else set())
-    # With equal alarms, a detector and the baselines share a pass, also where one was changed.
-    alarms = [each.alarm for each in evaluated_detectors(["opplod"], None, ["opplod.cell=10"])]
-    assert len(alarms) > 1
-    assert all(each == alarm_params() for each in alarms)
+        assert changed == ({"cell"} if one.name == "opplod" else set())
     for wrong, reason in (
-        ("lgmd2.threshold=1", "the evaluation has no parameter set 'lgmd2'; add a detector with"),
-        ("places.most=1", "has no parameter set 'places'; add a detector with --model, or choose"),
-        ("opplod.cel=10", "did you mean 'cell'"),
-        ("opplod.cell=10deg", "opplod.cell=10deg: the fields of view of labelled clips are not"),
-        ("opplod", "'opplod' is no setting; write set.parameter=value"),
+        ({"lgmd2.threshold": 1}, "the evaluation has no parameter set 'lgmd2'; add a detector"),
+        ({"places.most": 1}, "has no parameter set 'places'; add a detector with --model, or"),
+        ({"opplod.cel": 10}, "did you mean 'cell'"),
+        ({"opplod.cell": "10deg"}, "opplod.cell=10deg: the fields of view of labelled clips are"),
     ):
         with pytest.raises(ParameterError) as error:
-            evaluated_detectors([], None, [wrong])
+            evaluated_detectors([], None, wrong)
         assert reason in str(error.value), wrong
 
 
 def test_a_file_of_settings_holds_for_all_evaluated_detectors(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(
-        'preset = "reference"\nmodels = ["opplod", "lgmd2"]\nheight = 120\n'
-        '[opplod]\ncell = 8\n[alarm]\nhold_s = 1.5\n[repeats]\nhandling = "exact"\n'
+        'models = ["opplod_reference", "lgmd2"]\nheight = 120\n'
+        '[opplod_reference]\ncell = 8\n[alarm]\nhold_s = 1.5\n[repeats]\nhandling = "exact"\n'
     )
     baselines = ["dlgmd", "frame_difference", "flow_divergence"]
     found = evaluated_detectors(config=path)
-    assert [each.name for each in found] == ["opplod:reference", *baselines, "lgmd2"]
-    for each in found:
-        stated = each.as_dict()
+    assert {one.name for one in found} == {"opplod_reference", *baselines, "lgmd2"}
+    for one in found:
+        stated = one.as_dict()
         handling, hold_s = stated["repeats"]["handling"], stated["alarm"]["hold_s"]
-        assert (stated["height"], hold_s, handling) == (120, 1.5, "exact"), each.name
+        assert (stated["height"], hold_s, handling) == (120, 1.5, "exact"), one.name
     assert found[0].as_dict()["parameters"]["cell"] == 8
-    # The command line overrides the file; a model without a preset has that of the file.
-    named = ["opplod", "opplod:default"]
-    found = evaluated_detectors(named, "keep", ["opplod.cell=9"], config=path, height="200")
-    assert [each.name for each in found] == ["opplod:reference", "opplod:default", *baselines]
-    cells = [each.as_dict()["parameters"].get("cell") for each in found]
-    assert cells == [9, 9, None, None, None]
-    assert {(each.height, each.repeats.handling) for each in found} == {(200, "keep")}
+    # The command line overrides the file.
+    changes = {"opplod_reference.cell": 9}
+    found = evaluated_detectors(["opplod_reference"], "keep", changes, config=path, height="200")
+    assert found[0].as_dict()["parameters"]["cell"] == 9
+    assert {(one.height, one.repeats.handling) for one in found} == {(200, "keep")}
     with pytest.raises(ParameterError, match="height 'native' has no meaning for all of them"):
         evaluated_detectors(height="native")
 
 
-def test_a_detector_with_other_floors_under_other_presets(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FrameDifference, "alarm_floors", {"default": 0.05, "reference": 0.01})
-    found = evaluated_detectors(["frame_difference:reference", "frame_difference"])[:2]
-    floors = [each.as_dict()["alarm"]["frame_difference_floor"] for each in found]
-    assert floors == [0.01, 0.05]
-    assert [each.name.partition(":")[2] for each in found] == ["reference", "default"]
-
-
 def test_detectors_and_the_baselines_beside_them() -> None:
     baselines = ["dlgmd", "frame_difference", "flow_divergence"]
-    assert [each.name for each in evaluated_detectors(["opplod:paper", "frame_difference"])] == [
-        "opplod:paper", *baselines,
-    ]  # fmt: skip
-    usual = [each.name for each in evaluated_detectors()]
-    assert usual[0] == "opplod:default"
-    assert usual[-3:] == baselines
-    usual, one = (
-        [each.name for each in evaluated_detectors([name])] for name in ("all", "all:reference")
+    found = [one.name for one in evaluated_detectors(["opplod_paper", "frame_difference"])]
+    assert (found[:2], set(found[2:])) == (
+        ["opplod_paper", "frame_difference"],
+        {"dlgmd", "flow_divergence"},
     )
-    assert (usual[:2], one[0]) == (["opplod:default", "opplod:reference"], "opplod:reference")
-    assert usual[2:] == one[1:]
-    paper = evaluated_detectors(["opplod:paper"])[0]
-    assert (paper.height, paper.detector) == (600, "opplod")
-    assert paper.as_dict()["parameters"]["receptive_field"] == 200
-    with pytest.raises(ParameterError, match="no model 'opplod:papr'; did you mean 'opplod:paper'"):
-        evaluated_detectors(["opplod:papr"])
-    with pytest.raises(ParameterError, match="no model 'opplod:papr'"):
-        evaluated_detectors(["all:papr"])
+    usual = [one.name for one in evaluated_detectors()]
+    assert (usual[:2], usual[2:]) == (["opplod", "opplod_reference"], baselines)
+    assert {one.name for one in evaluated_detectors(["all"])} == set(detectors())
+    paper = evaluated_detectors(["opplod_paper"])[0].as_dict()
+    assert (paper["height"], paper["parameters"]["receptive_field"]) == (600, 200)
+    with pytest.raises(ParameterError, match="no model 'opplod_papr'; did you mean 'opplod_paper'"):
+        evaluated_detectors(["opplod_papr"])

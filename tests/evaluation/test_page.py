@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from oppload_cli import OpplodParams
 from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector
 from oppload_cli.evaluation.evaluate import Evaluation
@@ -20,7 +21,6 @@ from oppload_cli.evaluation.page import number, page_of
 from oppload_cli.evaluation.plots import PLOTS
 from oppload_cli.files.atomic import claimed
 from tests.evaluation.make import NAME, clip, peaks
-from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
     from oppload_cli.evaluation.metrics.clips import Clip
@@ -53,7 +53,7 @@ def evaluation() -> Evaluation:
     found = measured(CLIPS, OPPLOD, draws_of([each.label.looming for each in CLIPS], 100))
     entries = [Entry(at, Path(each.label.name), each.label) for at, each in enumerate(CLIPS, 2)]
     manifest = Manifest(Path("clips.csv"), entries, ["row 9: <gone>"], 6)
-    detector = EvaluatedDetector(OPPLOD, "made by hand", 240, REFERENCE, alarm_params())
+    detector = EvaluatedDetector(OPPLOD, "made by hand", 240, OpplodParams(), alarm_params())
     return Evaluation(
         manifest,
         [detector],
@@ -158,7 +158,7 @@ def test_the_page_compares_each_pair_of_detectors() -> None:
     entries = [Entry(at, Path(f"{at}.avi"), each.label) for at, each in enumerate(clips, 2)]
     evaluation = Evaluation(
         Manifest(Path("clips.csv"), entries, [], 8),
-        [EvaluatedDetector(name, "", 240, REFERENCE, alarm_params()) for name in peaks_of],
+        [EvaluatedDetector(name, "", 240, OpplodParams(), alarm_params()) for name in peaks_of],
         entries,
         clips,
         {name: measured(clips, name, draws) for name in peaks_of},

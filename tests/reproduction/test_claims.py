@@ -110,7 +110,7 @@ def test_a_verdict_on_a_faint_response_says_so() -> None:
 
 
 def test_a_detector_takes_only_its_own_changes_of_parameters() -> None:
-    change = ("opplod_reference.receptive_field=192",)
+    change = {"opplod_reference.receptive_field": 192}
     for detector, field, text in (
         ("opplod_reference", 192, "240 px, opplod_reference.receptive_field=192"),
         ("opplod_paper", 200, "600 px"),

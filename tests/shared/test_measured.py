@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli import DlgmdParams, OpplodResponse, analyse, open_video
+from oppload_cli import DlgmdParams, OpplodReferenceResponse, analyse, open_video
 from oppload_cli.models.dlgmd import DlgmdResponse
-from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +28,7 @@ def test_dlgmd_gives_the_authors_numbers_on_their_own_stimulus(shared: Path) -> 
         pixels = video.working.width * video.working.height
     assert len(records) == 61
     for record in records[3:]:
-        answer = record.responses["dlgmd"]
+        answer = record["dlgmd"].answer
         assert isinstance(answer, DlgmdResponse)
         row = expected[record.frame]
         assert answer.s * pixels == pytest.approx(float(row["sum_s"]), rel=1e-3)
@@ -38,13 +37,13 @@ def test_dlgmd_gives_the_authors_numbers_on_their_own_stimulus(shared: Path) -> 
 
 def test_opplod_finds_the_collision_of_tc22(shared: Path) -> None:
     with open_video(shared / "clips" / "tc22.mp4") as video:
-        records = list(analyse(video, [REFERENCE]))
-    answers = [record.responses["opplod"] for record in records]
+        records = list(analyse(video, ["opplod_reference"]))
+    answers = [record["opplod_reference"].answer for record in records]
     values = [answer.response if answer else 0.0 for answer in answers]
     peak = int(np.argmax(values))
     assert 50 <= peak <= 62
     best = answers[peak]
-    assert isinstance(best, OpplodResponse)
+    assert isinstance(best, OpplodReferenceResponse)
     assert best.box is not None
     x, y = best.box.x + best.box.width / 2, best.box.y + best.box.height / 2
     # The labelled box of frame 58 is x 214 to 410, y 0 to 97.
