@@ -2,9 +2,12 @@
 
 The functions stand in the order of the paper and have its names; each names its equation. The paper
 leaves out constants and contradicts itself in places: ``docs/paper.md`` says what was chosen there,
-and why. Letters: ``(x, y)`` is a pixel, t a frame, theta the direction of the motion that a pathway
-passes, in degrees, counter-clockwise, 0 = right. P, E, I and S are arrays of float32 with the shape
-of the frame, (height, width), and at least 0.
+and why. The paper's inhibitory filter for the periphery has no equation and is left out.
+
+Symbols: ``(x, y)`` is a pixel, t a frame, theta the direction of the motion that a pathway passes,
+in degrees, counter-clockwise, 0 = right. P, E, I and S are arrays of float32 with the shape of the
+frame, at least 0. `p` holds P(t), P(t-1) and P(t-2). :mod:`oppload_cli.models.dpc` has the parts that all
+OppLoD detectors and D-LGMD share; there D is M_phi, theta is phi, and alpha is a.
 """
 
 from __future__ import annotations
@@ -26,12 +29,119 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import Kernel, Kernels, Map
 
-THETAS = 45, 135, 225, 315  # "the directions of pi/4, 3 pi/4, 5 pi/4 and 7 pi/4"
+_BOTH_ORDERS = 2  # S_theta with S_(theta+pi) rotated, and the other way round: the same products
+
+
+# ---- A. Motion direction extracting (MDE) --------------------------------------------------
+
+
+def mde(params: DpcParams, theta: float) -> Kernel:
+    """Return ``D = 1 / (1 + exp(sqrt(2) d))``, eq. (mde), d being the offset along theta.
+
+    It is the paper's ``D(x, y, theta - 135)``. Of these degrees 45 are due to ``x' + y'``, which
+    points along a diagonal already, and 180 to the name: the paper's theta is the direction that is
+    blocked, ours the one that passes, as the paper's text and figures have it. D multiplies the
+    inhibition kernel; as a factor of the inhibition map it would have no direction selectivity.
+    """
+    return dpc.direction_mask(params, theta)
+
+
+# ---- B. The neural model -------------------------------------------------------------------
+
+
+def photoreceptor(luminance: Map, before: Map) -> Map:
+    """Return ``P(t) = |L(t) - L(t - 1)|``, eq. (photoreceptor)."""
+    return dpc.photoreceptors(luminance, before)
+
+
+def layer_e(p: Sequence[Map], kernels: Kernels) -> Map:
+    """Return ``E = P(t) * W_E``, eq. (E layer).
+
+    W_E is G_sigmaE of eq. (kernel EI) minus the undelayed part of ``alpha W_I``, at least 0, and 0
+    where tau is at least 1, as in the code of D-LGMD's authors.
+    """
+    return dpc.excitation(p, kernels)
+
+
+def layer_i(p: Sequence[Map], kernels: Kernels) -> Map:
+    """Return ``alpha I``, with ``I = P(t - tau) * W_I``, eq. (P layer).
+
+    W_I is G_sigmaI of eq. (kernel EI), and contains alpha, the `inhibition_strength`. The latency
+    tau, eq. (tau) with alpha as `latency_alpha`, grows from the middle of the kernel: there it is
+    0 and belongs to W_E, around it 1 frame and further out 2, so that I is two convolutions.
+    """
+    return dpc.inhibition(p, kernels)
+
+
+def layer_s(p: Sequence[Map], kernels: Kernels) -> Map:
+    """Return ``S = ReLU(E - alpha I)``, eq. (original layer S); rounding cannot put it above E."""
+    return dpc.rectified(layer_e(p, kernels), layer_i(p, kernels))
+
+
+def layer_os(p: Sequence[Map], kernels: Kernels) -> dict[int, Map]:
+    """Return ``S(theta) = ReLU(E - alpha I D(theta))``, eq. (layer OS), by theta.
+
+    The kernels have the masks D of two axes; ``D(theta) + D(theta + 180) = 1`` gives the inhibition
+    of the opposite direction. A run computes the same by the compiled `dpc.presynaptic_sums`.
+    """
+    e, i = layer_e(p, kernels), layer_i(p, kernels)
+    s: dict[int, Map] = {}
+    for theta in kernels.odd_masks:
+        i_theta = dpc.directional_inhibition(p, kernels, theta)
+        s[theta] = dpc.rectified(e, i_theta)
+        s[theta + 180] = dpc.rectified(e, i - i_theta)
+    return s
+
+
+def opposing_motion(s: Mapping[int, Map], theta: int) -> Map:
+    """Return ``S_theta S_(theta + pi)``, the integrand of eq. (OMJ), of one zone.
+
+    S_(theta + pi) is rotated by 180 degrees about the middle of the zone, as the text says. The
+    integral is a sum over the axes, which follows after screening and enhancing: the paper screens
+    pixels "of opposing motion", and a pixel belongs to the motion along one axis.
+    """
+    return np.asarray(s[theta] * s[theta + 180][::-1, ::-1], np.float32)
+
+
+def selected(product: Map, threshold: float) -> Map:
+    """Return S_e, the products of the pixels that exceed "the set threshold", shape (n,)."""
+    return product[product > threshold]
+
+
+def enhanced(s_e: Map, c2: float) -> float:
+    """Return the sum of ``S_E = S_e S_e c2``, eq. (layer SE), over the selected pixels."""
+    values = s_e.astype(np.float64).ravel()
+    return c2 * float(values @ values)
+
+
+def zone_response(
+    s: Mapping[int, Map], axes: Sequence[int], threshold: float, c2: float
+) -> tuple[float, float]:
+    """Return the sums of S_E and of S_e over one zone: OMJ, screening and enhancing.
+
+    Parameters
+    ----------
+    s : mapping of int to ndarray of float32, shape (side, side)
+        S(theta) in the zone, by theta.
+    axes : sequence of int
+        The directions theta of the two axes.
+    threshold, c2 : float
+        The threshold of products, and the constant of enhancing.
+    """
+    s_enhanced = s_selected = 0.0
+    for theta in axes:
+        s_e = selected(opposing_motion(s, theta), threshold)
+        s_enhanced += _BOTH_ORDERS * enhanced(s_e, c2)
+        s_selected += _BOTH_ORDERS * float(s_e.sum(dtype=np.float64))
+    return s_enhanced, s_selected
+
+
+# ---- Zones and units -----------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpplodPaperParams(DpcParams):
-    """Parameters of the paper's OppLoD; it prints neither T_o nor c2 nor the constants of DPC.
+    """Parameters of the paper's OppLoD; it prints no threshold, and no value of c2.
 
     Examples
     --------
@@ -41,14 +151,19 @@ class OpplodPaperParams(DpcParams):
     """
 
     receptive_field: int = parameter(
-        200, "side of the square receptive field of a zone", unit="px", low=2, high=8192
+        200, "side of a zone, the square receptive field of a unit", unit="px", low=2, high=8192
     )
-    units: str = parameter("5x5", "grid of zones, each with one LPLC2 unit: columns x rows")
+    units: str = parameter(
+        "5x5", "grid of zones, each with one LPLC2 unit: columns x rows; they overlap"
+    )
     axes: int = parameter(
-        45, "first axis of opponency; the second is at a right angle", unit="deg", choices=(0, 45)
+        45,
+        "first axis of opponency; the second is at a right angle; the paper's model has diagonals",
+        unit="deg",
+        choices=(0, 45),
     )
     threshold: float = parameter(
-        0.0, "threshold T_o of the products; smaller ones are noise", low=0, high=1e9
+        0.0, "threshold of the products, T_o; smaller ones are noise", low=0, high=1e9
     )
     gain: float = parameter(1.0, "constant of enhancing, c2", low=0, high=1e9)
 
@@ -79,81 +194,6 @@ class OpplodPaperResponse(Response):
     """
 
     opponency: float = inner(0.0, "", "sum of S_e in the winning zone")
-
-
-# ---- A. Motion direction extracting (MDE) --------------------------------------------------
-
-
-def mde(params: DpcParams, theta: float) -> Kernel:
-    """Return ``D(x, y, theta) = 1 / (1 + exp(-(x' + y')))``, eq. (mde).
-
-    ``x' + y'`` is the offset (x, y) along a direction. The paper's own theta gives 45 degrees less
-    than its text and its figures say, so that theta counts here as in the text: the direction that
-    passes. D multiplies the inhibition kernel; as a factor of the inhibition map, as in eq. (layer
-    OS), it would have no direction selectivity at all.
-    """
-    return dpc.direction_mask(params, theta)
-
-
-# ---- B. The neural model -------------------------------------------------------------------
-
-
-def photoreceptor(luminance: Map, before: Map) -> Map:
-    """Return ``P(t) = |L(t) - L(t - 1)|``, eq. (photoreceptor)."""
-    return dpc.photoreceptors(luminance, before)
-
-
-def layer_e(p: Sequence[Map], kernels: Kernels) -> Map:
-    """Return ``E = P(t) * W_E``, eq. (E layer), with W_E of eq. (kernel EI).
-
-    `p` holds P(t), P(t-1) and P(t-2).
-    """
-    return dpc.excitation(p, kernels)
-
-
-def layer_i(p: Sequence[Map], kernels: Kernels) -> Map:
-    """Return ``I = P(t - tau) * W_I``, eq. (P layer), with W_I of eq. (kernel EI).
-
-    tau is the latency of eq. (tau).
-
-    The latency tau is 1 frame near the middle of the kernel and 2 further out, so that I is the sum
-    of two convolutions.
-    """
-    return dpc.inhibition(p, kernels)
-
-
-def layer_s(p: Sequence[Map], kernels: Kernels) -> Map:
-    """Return ``S = ReLu(E - alpha I)``, eq. (original layer S); W_I contains alpha."""
-    return dpc.rectified(layer_e(p, kernels), layer_i(p, kernels))
-
-
-def layer_os(p: Sequence[Map], kernels: Kernels) -> dict[int, Map]:
-    """Return ``S(theta) = ReLu(E - alpha I D(theta))``, eq. (layer OS), by theta.
-
-    The kernels have the masks of two axes; ``D(theta) + D(theta + 180) = 1`` gives both directions
-    of each.
-    """
-    sums = dpc.PresynapticSums.zeros(p[0].shape, tuple(kernels.odd_masks))
-    dpc.presynaptic_sums(p, kernels, sums)
-    return sums.pathways
-
-
-def opposing_motion(s: Mapping[int, Map], theta: int) -> Map:
-    """Return ``S_theta S_(theta + pi)``, eq. (OMJ), of one zone.
-
-    S_(theta + pi) is rotated by 180 degrees about the middle of the zone, as the text says. The
-    other order, S_theta rotated, has the same products at the opposite pixels.
-    """
-    return np.asarray(s[theta] * s[theta + 180][::-1, ::-1], np.float32)
-
-
-def enhanced(s_e: Map, c2: float) -> float:
-    """Return the sum of ``S_E = S_e S_e c2``, eq. (layer SE), over the selected pixels S_e."""
-    selected = s_e.astype(np.float64).ravel()
-    return c2 * float(selected @ selected)
-
-
-# ---- Zones and units -----------------------------------------------------------------------
 
 
 class OpplodPaper(Detector):
@@ -228,26 +268,20 @@ class OpplodPaper(Detector):
         """Take the next frame; None for the first three frames."""
         if not self._dpc.step(luma):
             return None
-        layer = self._dpc.layer  # P, E, I and S(theta) of this frame, as `layer_os` gives them
+        layer, params = self._dpc.layer, self.params  # P -> E, I -> S -> S(theta): the DPC layer
         s, share = layer.sums.pathways, layer.photoreceptors.share
         if share != 1:  # only if `time.interval` is set: S over an interval of another length
             s = {theta: values * np.float32(share) for theta, values in s.items()}
-        sums = np.array([[self._zone(s, top, left) for left in self.lefts] for top in self.tops])
+
+        def response_at(top: int, left: int) -> tuple[float, float]:
+            zone = np.s_[top : top + self._field, left : left + self._field]
+            in_zone = {theta: values[zone] for theta, values in s.items()}
+            return zone_response(in_zone, params.both_axes, params.threshold, params.gain)
+
+        sums = np.array([[response_at(top, left) for left in self.lefts] for top in self.tops])
         s_enhanced, s_e = sums[..., 0], sums[..., 1]
         self._units.responses[:] = s_enhanced
         row, column = divmod(int(s_enhanced.argmax()), s_enhanced.shape[1])
         response = float(s_enhanced.sum())
         box = self._units.box(row, column) if response else None
         return OpplodPaperResponse(response, box, float(s_e[row, column]))
-
-    def _zone(self, s: Mapping[int, Map], top: int, left: int) -> tuple[float, float]:
-        """Return the sums of S_E and of S_e over one zone, for both axes and in both orders."""
-        field = np.s_[top : top + self._field, left : left + self._field]
-        zone = {theta: values[field] for theta, values in s.items()}
-        s_enhanced = s_e = 0.0
-        for theta in self.params.both_axes:
-            product = opposing_motion(zone, theta)
-            selected = product[product > self.params.threshold]
-            s_enhanced += 2 * enhanced(selected, self.params.gain)
-            s_e += 2 * float(selected.sum(dtype=np.float64))
-        return s_enhanced, s_e

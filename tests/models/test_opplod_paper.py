@@ -23,6 +23,8 @@ from oppload_cli.models.opplod_paper import (
     mde,
     opposing_motion,
     photoreceptor,
+    selected,
+    zone_response,
 )
 from oppload_cli.models.timebase import Clock
 from oppload_cli.models.units import unit_starts
@@ -88,11 +90,10 @@ def test_the_functions_with_the_names_of_the_paper_are_the_model(axes: int) -> N
                     for theta, values in s_theta.items()
                 }
                 for theta in thetas:
-                    products = opposing_motion(zone, theta)
-                    selected = products[products > params.threshold]
+                    s_e_theta = selected(opposing_motion(zone, theta), params.threshold)
                     # The other order, S_theta rotated, has the same products.
-                    s_enhanced[row, column] += 2 * enhanced(selected, params.gain)
-                    s_e[row, column] += 2 * selected.sum(dtype=np.float64)
+                    s_enhanced[row, column] += 2 * enhanced(s_e_theta, params.gain)
+                    s_e[row, column] += 2 * s_e_theta.sum(dtype=np.float64)
         assert answer is not None
         assert answer.response == pytest.approx(s_enhanced.sum(), rel=1e-6)
         np.testing.assert_allclose(model.units.responses, s_enhanced, rtol=1e-6)
@@ -130,12 +131,12 @@ def test_s_over_two_intervals_is_divided_by_two() -> None:
 
 def test_the_opponency_is_the_sum_of_the_products_of_the_best_unit() -> None:
     """Each product counts in both orders."""
-    params = OpplodPaperParams(receptive_field=20, units="1x1", threshold=0.25)
-    model = OpplodPaper((20, 20), params)
     s = {phi: np.full((20, 20), 0.5, np.float32) for phi in (45, 135, 225, 315)}
-    assert model._zone(s, 0, 0) == (0, 0)  # at the threshold
+    assert zone_response(s, (45, 135), 0.25, 1.0) == (0, 0)  # at the threshold
     s[45][:] = 0.75
-    assert model._zone(s, 0, 0) == pytest.approx((800 * 0.375**2, 2 * 400 * 0.375))
+    assert zone_response(s, (45, 135), 0.25, 1.0) == pytest.approx(
+        (800 * 0.375**2, 2 * 400 * 0.375)
+    )
 
 
 def test_frames_without_a_product_above_the_threshold_have_no_box() -> None:
