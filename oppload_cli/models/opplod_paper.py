@@ -6,8 +6,8 @@ and why. The paper's inhibitory filter for the periphery has no equation and is 
 
 Symbols: ``(x, y)`` is a pixel, t a frame, theta the direction of the motion that a pathway passes,
 in degrees, counter-clockwise, 0 = right. P, E, I and S are arrays of float32 with the shape of the
-frame, at least 0. `p` holds P(t), P(t-1) and P(t-2). :mod:`oppload_cli.models.dpc` has the parts that all
-OppLoD detectors and D-LGMD share; there D is M_phi, theta is phi, and alpha is a.
+frame, at least 0. `p` holds P(t), P(t-1) and P(t-2). :mod:`oppload_cli.models.dpc` has the parts
+that all OppLoD detectors and D-LGMD share; there D is M_phi, theta is phi, and alpha is a.
 """
 
 from __future__ import annotations
