@@ -50,8 +50,9 @@ def ticks(seconds: float | Fraction) -> int:
     >>> oppload.ticks(1 / 30)
     23520000
     """
-    exact = seconds if isinstance(seconds, Fraction) else Fraction(float(seconds))
-    return round(exact * TICKS_PER_S)
+    # A float is exact to a hundredth of a tick for more than a day, and several times as fast.
+    number = seconds if isinstance(seconds, Fraction) else float(seconds)
+    return round(number * TICKS_PER_S)
 
 
 def seconds_of(time: int) -> float:
