@@ -184,8 +184,8 @@ class Strip:
             for name, points in self.points.items():
                 response, threshold = record[name].response, record[name].threshold
                 ratio = None
-                if response is not None and threshold:
-                    over_largest = self.scale is _OVER_LARGEST
+                over_largest = self.scale is _OVER_LARGEST
+                if response is not None and (over_largest or 0 < threshold < math.inf):
                     base = self._largest_of(name, response) if over_largest else threshold
                     ratio = response / base
                 points.append(_Point(record.time_s, ratio, record[name].alarm))
