@@ -29,7 +29,7 @@ import numpy as np
 
 from oppload_cli import FrameRecord, Opplod, PlaceParams, analyse, open_video, stimulus
 from oppload_cli.detection.places import Detection, Places
-from oppload_cli.evaluation.manifest import Entry, read_manifest, with_boxes
+from oppload_cli.evaluation.manifest import ClipEntry, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.measures import overlap
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.pipeline.sources import StimulusVideo
@@ -431,7 +431,7 @@ def _cost_row(name: str, times: list[tuple[float, float, int]]) -> str:
     return f"| {name} | {1e6 * searched / frames:.0f} | {share:.1f} % |"
 
 
-def _entries(folder: Path) -> list[Entry]:
+def _entries(folder: Path) -> list[ClipEntry]:
     return with_boxes(read_manifest(folder / "manifest.csv")).entries
 
 

@@ -31,8 +31,8 @@ import cv2
 import numpy as np
 
 from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
-from oppload_cli.evaluation.evaluate import outputs_of
-from oppload_cli.evaluation.manifest import Entry, read_manifest
+from oppload_cli.evaluation.engine import outputs_of
+from oppload_cli.evaluation.manifest import ClipEntry, read_manifest
 from oppload_cli.evaluation.metrics.alarms import shipped
 from oppload_cli.evaluation.metrics.clips import Clip
 from oppload_cli.evaluation.metrics.intervals import draws_of
@@ -314,7 +314,7 @@ class _Shown:
 
 
 def _seen(
-    entry: Entry, detector: EvaluatedDetector, every: int, jerk_px: float, noise: float
+    entry: ClipEntry, detector: EvaluatedDetector, every: int, jerk_px: float, noise: float
 ) -> Clip:
     """Run a detector over a labelled clip, as `_Shown` shows it."""
     height = detector.height if isinstance(detector.height, int) else WORKING_HEIGHT

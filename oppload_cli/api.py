@@ -29,7 +29,7 @@ from oppload_cli.results.truths import facts_of_truth, usable_truth
 from oppload_cli.results.tuning import tuning_of
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
-from oppload_cli.tuning import run as tuning
+from oppload_cli.tuning import measuring
 from oppload_cli.tuning.sweeps import EXAMPLES, sweeps
 from oppload_cli.video.inputs import GROUND_TRUTH, result_stem
 from oppload_cli.video.source import Video
@@ -410,11 +410,11 @@ def tune(
         (sweep,) = sweeps(named, figures, dict(changes or {}), swept, wanted)
     except (ParameterError, StimulusError) as error:
         raise type(error)(_in_python(str(error))) from error
-    conditions = tuning.tune(sweep, indicator_s=indicator_s)
-    doubts = list(tuning.doubts_about(conditions, sweep, indicator_s))
-    sidecar = tuning.tuning_sidecar(sweep, command=(), indicator_s=indicator_s, doubts=doubts)
+    conditions = measuring.tune(sweep, indicator_s=indicator_s)
+    doubts = list(measuring.doubts_about(conditions, sweep, indicator_s))
+    sidecar = measuring.tuning_sidecar(sweep, command=(), indicator_s=indicator_s, doubts=doubts)
     # The numbers are rounded as in a file, and empty cells are NaN.
-    text = StringIO(tuning.tuning_text(conditions))
+    text = StringIO(measuring.tuning_text(conditions))
     rows = pd.read_csv(text, keep_default_na=False, na_values=[""])
     path = Path(f"{file_stem(sweep.entry.name)}.tuning.csv")
     measured = tuning_of(path, rows, sidecar)

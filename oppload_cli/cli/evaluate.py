@@ -101,9 +101,9 @@ def evaluate(
     luminance; '--model all' takes all detectors. DIR gets evaluation.html, one page with
     everything, report.json, the measurements, responses and windows as CSV, and the plots.
     """
-    from oppload_cli.evaluation import detectors, evaluate
+    from oppload_cli.evaluation import detectors, engine
     from oppload_cli.evaluation.battery import battery_stimuli
-    from oppload_cli.evaluation.inputs import clips_of
+    from oppload_cli.evaluation.clip_inputs import clips_of
     from oppload_cli.evaluation.output import ALL_FILES, printed_table, write_evaluation
 
     chosen = detectors.evaluated_detectors(
@@ -120,7 +120,7 @@ def evaluate(
         total = sum(len(clips.entries) for clips in labelled)
         with progress_bar(total, "clip", quiet=quiet) as bar:
             how: Any = {"jobs": jobs, "draws": draws, "progress": bar.update}
-            results = [evaluate.evaluate(clips, chosen, **how) for clips in labelled]
+            results = [engine.evaluate(clips, chosen, **how) for clips in labelled]
         for clips, found in zip(labelled, results, strict=True):
             for fault in found.faults[len(clips.faults) :]:
                 say(f"oppload: {fault}")

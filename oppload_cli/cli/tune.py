@@ -118,7 +118,7 @@ def _run(
     """Measure a sweep; write the table, the sidecar and the plot, and return their paths."""
     from oppload_cli.plots import style, tuning_plots
     from oppload_cli.results.table import write_sidecar
-    from oppload_cli.tuning.run import doubts_about, tune, tuning_sidecar, tuning_text
+    from oppload_cli.tuning.measuring import doubts_about, tune, tuning_sidecar, tuning_text
 
     say_remarks(sweep.entry.protocols())
     for key, value in sweep.fixed.items():

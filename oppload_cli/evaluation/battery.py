@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from oppload_cli.evaluation.inputs import labelled
+from oppload_cli.evaluation.clip_inputs import labelled
 from oppload_cli.evaluation.metrics.alarms import SHIPPED
 from oppload_cli.evaluation.metrics.measures import KIND
 from oppload_cli.models.registry import detector_named
@@ -18,7 +18,7 @@ from oppload_cli.stimulus.protocol import Protocol
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from oppload_cli.evaluation.evaluate import Evaluation
+    from oppload_cli.evaluation.engine import Evaluation
     from oppload_cli.evaluation.manifest import Manifest
     from oppload_cli.evaluation.metrics.clips import Flags, Numbers
     from oppload_cli.files.tables import Cell

@@ -35,7 +35,7 @@ STIMULI = Path("stimuli")  # in place of the path of a manifest
 
 
 @dataclass(frozen=True)
-class Entry:
+class ClipEntry:
     """A usable row of a manifest."""
 
     row: int  # its number; the header is row 1
@@ -49,7 +49,7 @@ class Manifest:
     """The content of a manifest, or a list of stimuli in the same form."""
 
     path: Path
-    entries: list[Entry]
+    entries: list[ClipEntry]
     faults: list[str] = field(default_factory=list)  # of rows and boxes that cannot be used
     rows: int = 0  # below the header, without empty ones
     names: tuple[str, ...] = ()  # the clips of all these rows
@@ -84,7 +84,7 @@ def read_manifest(path: Path) -> Manifest:
         rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))
     header = [cell.strip() for cell in rows[0]] if rows else []
     _check_header(path, header)
-    entries: list[Entry] = []
+    entries: list[ClipEntry] = []
     faults: list[str] = []
     row_of: dict[str, int] = {}
     filled = {i: row for i, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)}
@@ -128,7 +128,7 @@ def _check_header(path: Path, header: Sequence[str]) -> None:
 
 def _entry(
     manifest: Path, number: int, header: Sequence[str], cells: list[str], row_of: dict[str, int]
-) -> Entry:
+) -> ClipEntry:
     if len(cells) != len(header):
         raise _RowError(f"has {len(cells)} cells, not {len(header)}; give one for each column")
     row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
@@ -146,7 +146,7 @@ def _entry(
         raise _RowError(f"{row['file']} is in row {row_of[real_path]} already; keep one of them")
     label, true_rate = _label(row), _true_rate(row)
     row_of[real_path] = number
-    return Entry(number, path, label, true_rate)
+    return ClipEntry(number, path, label, true_rate)
 
 
 def _label(row: dict[str, str]) -> Label:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from oppload_cli.evaluation.evaluate import Evaluation
+    from oppload_cli.evaluation.engine import Evaluation
 
 
 _SCHEMA = "oppload.evaluation/1"

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from cv2.typing import MatLike
 
-    from oppload_cli.evaluation.evaluate import Evaluation
+    from oppload_cli.evaluation.engine import Evaluation
     from oppload_cli.evaluation.metrics.clips import Clip, Numbers
     from oppload_cli.stimulus.protocol import Protocol
 

@@ -30,7 +30,7 @@ BOTH_ENDS_OVER_ONE = (0.23 / 0.08, 0.23 / 0.05)
 
 
 @dataclass(frozen=True)
-class _Peak:
+class _PublishedPeak:
     """One response peak."""
 
     stimulus: str  # such as ``bar_expand``
@@ -40,14 +40,14 @@ class _Peak:
 
 
 @cache
-def lplc2_peaks() -> tuple[_Peak, ...]:
+def lplc2_peaks() -> tuple[_PublishedPeak, ...]:
     """Return the peaks of LPLC2 neurons, in the order of the file."""
 
     def number(cell: str) -> float | None:
         return float(cell) if cell else None
 
     return tuple(
-        _Peak(stimulus, number(axis_deg), number(width_deg), float(relative))
+        _PublishedPeak(stimulus, number(axis_deg), number(width_deg), float(relative))
         for stimulus, axis_deg, width_deg, relative in _cells(
             "lplc2_klapoetke2017.csv", "stimulus", "axis_deg", "width_deg", "peak_relative_to_loom"
         )

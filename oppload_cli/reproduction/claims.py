@@ -25,8 +25,8 @@ from oppload_cli.models.timebase import TimeParams
 from oppload_cli.pipeline.settings import Settings, resolve
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load_all
+from oppload_cli.tuning.measuring import faint
 from oppload_cli.tuning.present import Responses, present
-from oppload_cli.tuning.run import faint
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -294,8 +294,8 @@ FIGURES = {
     "looming-centre": ("looming.looming_centre", 4),
     "looming-off-centre": ("looming.looming_off_centre", 4),
     "thresholds": ("looming.thresholds", 40),
-    "rmo-definition": ("rmo.definition", 1),
-    "rmo-stimuli": ("rmo.stimuli", 8),
+    "rmo-definition": ("rmo_figures.definition", 1),
+    "rmo-stimuli": ("rmo_figures.stimuli", 8),
     "lplc2": ("lplc2.battery", 280),
 }
 _SCHEMA = "oppload.reproduction/1"

@@ -11,8 +11,8 @@ import pytest
 from oppload_cli import OpplodReferenceParams, analyse, open_video
 from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.evaluation.detectors import evaluated_detectors
-from oppload_cli.evaluation.evaluate import analyse_clips
-from oppload_cli.evaluation.manifest import Entry
+from oppload_cli.evaluation.engine import analyse_clips
+from oppload_cli.evaluation.manifest import ClipEntry
 from oppload_cli.evaluation.metrics.alarms import shipped
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.evaluation.metrics.intervals import draws_of
@@ -34,7 +34,7 @@ def test_the_times_of_a_clip_in_slow_motion_are_those_of_its_camera(tmp_path: Pa
     for index, frame in enumerate(grey_frames(30)):
         cv2.imwrite(str(tmp_path / "images" / f"{index}.png"), frame)
     for name in ("slow.avi", "images"):
-        entry = Entry(2, tmp_path / name, Label(name), true_rate=Fraction(100))
+        entry = ClipEntry(2, tmp_path / name, Label(name), true_rate=Fraction(100))
         ((clip, faults),) = analyse_clips([entry], SMALL)
         assert faults == []
         assert clip is not None
@@ -47,7 +47,7 @@ def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
     chosen = evaluated_detectors(
         ["opplod_reference", "opplod_paper"], assignments={"opplod_reference.cell": 6}
     )
-    entry = Entry(2, path, Label("beside.avi", 45, 89))
+    entry = ClipEntry(2, path, Label("beside.avi", 45, 89))
     (analysed,) = analyse_clips([entry], chosen)
     clip = analysed.clip
     assert clip is not None
@@ -83,7 +83,9 @@ def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
 @pytest.mark.long
 def test_a_detector_whose_alarms_are_off_is_not_one_without_a_false_alarm() -> None:
     off = replace(SMALL[0], alarm=alarm_params(on=False))
-    ((clip, _),) = analyse_clips([Entry(2, load("controls/static-texture"), Label("still"))], [off])
+    ((clip, _),) = analyse_clips(
+        [ClipEntry(2, load("controls/static-texture"), Label("still"))], [off]
+    )
     assert clip is not None
     found = shipped([clip], off.name, draws_of([False], 100))
     assert np.isnan(found.outcomes.false_alarms).all()
@@ -94,7 +96,7 @@ def test_a_detector_whose_alarms_are_off_is_not_one_without_a_false_alarm() -> N
 def test_the_flow_skips_repeats(tmp_path: Path) -> None:
     frames = [frame for frame in grey_frames(8, 128, 96) for _ in range(2)]
     path = write_video(tmp_path / "twice.mkv", frames)
-    (analysed,) = analyse_clips([Entry(2, path, Label("twice.mkv"))], SMALL)
+    (analysed,) = analyse_clips([ClipEntry(2, path, Label("twice.mkv"))], SMALL)
     assert analysed.clip is not None
     found = analysed.clip.outputs["flow_divergence"].response
     # Frame 2 has response 0 too: it is not known yet whether the first picture stood still.
@@ -111,7 +113,7 @@ def test_the_flow_skips_repeats(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_a_contact_without_any_response(labelled: Path) -> None:
     labels = [Label("a", 45, 90), Label("a", 0, 2), Label("a", 0, 3)]
-    entries = [Entry(2, labelled / "centre.avi", label) for label in labels]
+    entries = [ClipEntry(2, labelled / "centre.avi", label) for label in labels]
     late, early, enough = analyse_clips(entries, SMALL)
     for analysed, reason in (
         (late, "its contact, frame 90, is beyond its last frame, 89"),
@@ -124,18 +126,18 @@ def test_a_contact_without_any_response(labelled: Path) -> None:
 
 def test_a_clip_that_cannot_be_decoded_or_is_too_short_is_a_fault(tmp_path: Path) -> None:
     (tmp_path / "text.avi").write_text("no video")
-    (analysed,) = analyse_clips([Entry(2, tmp_path / "text.avi", Label("text.avi"))], SMALL)
+    (analysed,) = analyse_clips([ClipEntry(2, tmp_path / "text.avi", Label("text.avi"))], SMALL)
     assert analysed.clip is None
     assert "text.avi" in analysed.faults[0]
     short = write_video(tmp_path / "short.mkv", grey_frames(3))
-    (analysed,) = analyse_clips([Entry(2, short, Label("short.mkv"))], SMALL)
+    (analysed,) = analyse_clips([ClipEntry(2, short, Label("short.mkv"))], SMALL)
     assert analysed.faults == ["short.mkv: has 3 frames, too few for any response; leave it out"]
 
 
 def test_a_clip_too_wide_for_the_working_height_is_a_fault(tmp_path: Path) -> None:
     wide = write_video(tmp_path / "wide.mkv", grey_frames(2, 2400, 8))
     detectors = [replace(each, height=240) for each in SMALL]
-    (analysed,) = analyse_clips([Entry(2, wide, Label("wide.mkv"))], detectors)
+    (analysed,) = analyse_clips([ClipEntry(2, wide, Label("wide.mkv"))], detectors)
     assert analysed.clip is None
     assert analysed.faults[0].startswith(f"{wide}: a working size of ")
 
@@ -144,7 +146,7 @@ def test_a_cut_clip_is_used_and_reported(tmp_path: Path) -> None:
     whole = write_video(tmp_path / "whole.mkv", grey_frames(60, 320, 240)).read_bytes()
     (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) * 2 // 3])
     boxes = dict.fromkeys(range(60), Box(0.0, 0.0, 1.0, 1.0))
-    entry = Entry(2, tmp_path / "cut.mkv", Label("cut.mkv", boxes=boxes))
+    entry = ClipEntry(2, tmp_path / "cut.mkv", Label("cut.mkv", boxes=boxes))
     (analysed,) = analyse_clips([entry], SMALL)
     assert analysed.clip is not None
     assert 30 < len(analysed.clip) < 50

@@ -20,7 +20,7 @@ from oppload_cli.evaluation.battery import (
     BatteryResponses,
     battery_stimuli,
 )
-from oppload_cli.evaluation.manifest import Entry, Manifest
+from oppload_cli.evaluation.manifest import ClipEntry, Manifest
 from oppload_cli.evaluation.metrics.alarms import SHIPPED
 from oppload_cli.evaluation.metrics.measures import KIND
 from oppload_cli.evaluation.output import ALL_FILES, BATTERY_FILES
@@ -89,7 +89,7 @@ def responses(values: Sequence[tuple[str, float, int]], *, alarms: bool = True) 
         made: Any = clip(peaks(30, {15: peak}), **frames)
         label = replace(made.label, conditions={KIND: kind})
         clips.append(replace(made, label=label, outputs={name: made.outputs[NAME]}))
-        entries.append(Entry(row, protocol, label))
+        entries.append(ClipEntry(row, protocol, label))
     is_looming = np.array([made.label.looming for made in clips])
     alarmed = np.array([on if alarms else math.nan for _, _, on in values])
     outcomes = SimpleNamespace(

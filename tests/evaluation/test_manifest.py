@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import ManifestError, ParameterError
+from oppload_cli.evaluation.clip_inputs import clips_of
 from oppload_cli.evaluation.detectors import evaluated_detectors
-from oppload_cli.evaluation.inputs import clips_of
 from oppload_cli.evaluation.manifest import read_manifest, with_boxes
 from oppload_cli.models.registry import detectors
 

@@ -12,8 +12,8 @@ import pytest
 from oppload_cli import OpplodParams
 from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector
-from oppload_cli.evaluation.evaluate import Evaluation
-from oppload_cli.evaluation.manifest import STIMULI, Entry, Manifest
+from oppload_cli.evaluation.engine import Evaluation
+from oppload_cli.evaluation.manifest import STIMULI, ClipEntry, Manifest
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
 from oppload_cli.evaluation.output import FILES, printed_table, report_of, write_evaluation
@@ -51,7 +51,7 @@ CLIPS = [
 @pytest.fixture(scope="module")
 def evaluation() -> Evaluation:
     found = measured(CLIPS, OPPLOD, draws_of([each.label.looming for each in CLIPS], 100))
-    entries = [Entry(at, Path(each.label.name), each.label) for at, each in enumerate(CLIPS, 2)]
+    entries = [ClipEntry(at, Path(each.label.name), each.label) for at, each in enumerate(CLIPS, 2)]
     manifest = Manifest(Path("clips.csv"), entries, ["row 9: <gone>"], 6)
     detector = EvaluatedDetector(OPPLOD, "made by hand", 240, OpplodParams(), alarm_params())
     return Evaluation(
@@ -155,7 +155,7 @@ def test_the_page_compares_each_pair_of_detectors() -> None:
     quiet = clip([0.0] * 603)
     clips.append(replace(quiet, outputs=dict.fromkeys(peaks_of, quiet.outputs[NAME])))
     draws = draws_of([each.label.looming for each in clips], 100)
-    entries = [Entry(at, Path(f"{at}.avi"), each.label) for at, each in enumerate(clips, 2)]
+    entries = [ClipEntry(at, Path(f"{at}.avi"), each.label) for at, each in enumerate(clips, 2)]
     evaluation = Evaluation(
         Manifest(Path("clips.csv"), entries, [], 8),
         [EvaluatedDetector(name, "", 240, OpplodParams(), alarm_params()) for name in peaks_of],

@@ -12,9 +12,9 @@ import pytest
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
+from oppload_cli.evaluation.clip_inputs import clips_of
 from oppload_cli.evaluation.detectors import evaluated_detectors
-from oppload_cli.evaluation.evaluate import evaluate
-from oppload_cli.evaluation.inputs import clips_of
+from oppload_cli.evaluation.engine import evaluate
 from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured, overlap

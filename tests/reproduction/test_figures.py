@@ -10,8 +10,7 @@ import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.motion.rmo import rmo
-from oppload_cli.reproduction import bars, direction, looming
-from oppload_cli.reproduction import rmo as reproduction_rmo
+from oppload_cli.reproduction import bars, direction, looming, rmo_figures
 from oppload_cli.reproduction.claims import (
     FIGURES,
     PAPER,
@@ -22,7 +21,7 @@ from oppload_cli.reproduction.claims import (
     chosen_figures,
     settings_of,
 )
-from oppload_cli.reproduction.rmo import _construct, definition
+from oppload_cli.reproduction.rmo_figures import _construct, definition
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.tuning.present import Responses
 
@@ -293,20 +292,20 @@ def test_the_speed_of_an_edge_is_that_at_the_working_height() -> None:
         changes = {"disk.motion.speed_deg_s": per_second, "timing.before_s": 0}
         name = "controls/translating-disk-speed/speed-20"
         moving = load(name, {**changes, "timing.motion_s": 0.1, "timing.after_s": 0})
-        assert len(reproduction_rmo._index(moving)) == frames
+        assert len(rmo_figures._index(moving)) == frames
 
 
 def test_the_index_takes_all_frames_of_an_object_that_turns() -> None:
     """The edges of a turning bar have no speed along the line from its middle."""
     short = {"timing.before_s": 0, "timing.motion_s": 0.1, "timing.after_s": 0}
     turning = load("controls/rotating-bar/rotation-90", short)
-    assert list(reproduction_rmo._index(turning)) == [1, 2]
+    assert list(rmo_figures._index(turning)) == [1, 2]
 
 
 def test_the_medians_decide_on_the_index_of_the_stimuli(monkeypatch: pytest.MonkeyPatch) -> None:
     shown = iter([{"a/loom": {3: 0.0, 4: 1.0, 5: 1.0}}, {"b/bar": {3: 0.4, 4: 0.1, 5: 0.1}}])
-    monkeypatch.setattr(reproduction_rmo, "_indices", lambda _: next(shown))
-    built = reproduction_rmo.stimuli()
+    monkeypatch.setattr(rmo_figures, "_indices", lambda _: next(shown))
+    built = rmo_figures.stimuli()
     (finding,) = built.claims[0].findings.values()
     assert finding.text.endswith("the medians are 1.00 and 0.10.")
     assert finding.verdict is ClaimVerdict.IN_PART

@@ -16,8 +16,8 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.plots.peak_times import PeakTimes
 from oppload_cli.plots.tuning_plots import KINDS
 from oppload_cli.schema import Parameters, parameter
+from oppload_cli.tuning.measuring import doubts_about, tune, tuning_text
 from oppload_cli.tuning.present import Responses, low_passed, present
-from oppload_cli.tuning.run import doubts_about, tune, tuning_text
 from oppload_cli.tuning.sweeps import FIGURES, Sweep, sweeps
 from tests.assigned import assigned
 from tests.results.make import rows_of

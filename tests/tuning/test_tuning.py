@@ -15,8 +15,8 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus import write
 from oppload_cli.stimulus.catalogue import find, read_entry
 from oppload_cli.stimulus.renderer import Renderer
+from oppload_cli.tuning.measuring import doubts_about, faint, tune, tuning_sidecar, tuning_text
 from oppload_cli.tuning.present import Condition, Measures, Responses, measure, present
-from oppload_cli.tuning.run import doubts_about, faint, tune, tuning_sidecar, tuning_text
 from oppload_cli.tuning.sweeps import Sweep, sweeps
 from tests.assigned import assigned
 from tests.results.make import rows_of
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.catalogue import Entry
-    from oppload_cli.tuning.run import Doubt
+    from oppload_cli.tuning.measuring import Doubt
 
 DISK = """
 [display]

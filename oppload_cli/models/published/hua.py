@@ -113,7 +113,7 @@ def _blurred(values: Map, line: NDArray[Any]) -> Map:
     return np.asarray(cv2.sepFilter2D(values, -1, line, line, borderType=EDGE), np.float32)
 
 
-class _Motion:
+class _NetMotion:
     """The model up to its last layer, which both variants share: net motion along both axes.
 
     `sums`, shape (2, 2, 2, 2), are sums of net motion after the Gaussian error linear unit (GELU).
@@ -232,7 +232,7 @@ class HuaFixed(Detector):
         super().__init__(shape, params, **others)
         interval_ms = 1000 / (self.frame_rate or USUAL_RATE)
         constants = shape, self.params.low_pass_ms, interval_ms
-        self._motion = self.layers.other(("hua", *constants), lambda: _Motion(*constants))
+        self._motion = self.layers.other(("hua", *constants), lambda: _NetMotion(*constants))
         self._sums = np.zeros(4)
 
     def reset(self) -> None:

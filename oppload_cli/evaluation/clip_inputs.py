@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli import stimulus
 from oppload_cli.errors import ManifestError, ParameterError, SourceError, StimulusError
-from oppload_cli.evaluation.manifest import STIMULI, Entry, Manifest, read_manifest, with_boxes
+from oppload_cli.evaluation.manifest import STIMULI, ClipEntry, Manifest, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder
 from oppload_cli.models.detector import Box
@@ -154,7 +154,7 @@ def labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
     The ground truth of a video lies beside the video. A stimulus that cannot be drawn, or a video
     without a ground truth of its own, is a fault, not an error.
     """
-    entries: list[Entry] = []
+    entries: list[ClipEntry] = []
     faults = []
     sources: list[Protocol | Path] = [*protocols, *videos]
     for video, source in enumerate(sources):
@@ -175,7 +175,7 @@ def labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
             faults.append(f"{name}: {problem}")
             continue
         for label in _labels_of(name, truth, video, size):
-            entries.append(Entry(len(entries) + 1, source, label))
+            entries.append(ClipEntry(len(entries) + 1, source, label))
     return Manifest(STIMULI, entries, faults, len(entries) + len(faults))
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from oppload_cli.evaluation.detectors import EvaluatedDetector
-    from oppload_cli.evaluation.manifest import Entry, Manifest
+    from oppload_cli.evaluation.manifest import ClipEntry, Manifest
     from oppload_cli.evaluation.metrics.clips import Numbers
     from oppload_cli.models.detector import Box
     from oppload_cli.results.record import FrameRecord
@@ -43,7 +43,7 @@ class Evaluation:
 
     manifest: Manifest
     detectors: list[EvaluatedDetector]
-    entries: list[Entry]  # the rows of the manifest whose clips could be used
+    entries: list[ClipEntry]  # the rows of the manifest whose clips could be used
     clips: list[Clip]  # of each entry
     performances: dict[str, Performance]  # by the name of the detector
     measurements: list[Measurement]  # of all detectors, then of ``frame_centre``
@@ -115,7 +115,7 @@ class _Analysed(NamedTuple):
 
 
 def analyse_clips(
-    entries: Sequence[Entry],
+    entries: Sequence[ClipEntry],
     detectors: Sequence[EvaluatedDetector],
     *,
     jobs: int = 1,
@@ -135,7 +135,7 @@ def analyse_clips(
 
 
 def _analyse_video(
-    entries: Sequence[Entry], detectors: Sequence[EvaluatedDetector], threads: int
+    entries: Sequence[ClipEntry], detectors: Sequence[EvaluatedDetector], threads: int
 ) -> list[_Analysed]:
     """Run detectors over the clips of one video, which is decoded once.
 
@@ -170,7 +170,7 @@ def _analyse_video(
 
 
 def _opened(
-    entry: Entry, detectors: Sequence[EvaluatedDetector], threads: int
+    entry: ClipEntry, detectors: Sequence[EvaluatedDetector], threads: int
 ) -> AbstractContextManager[DecodedSource]:
     """Open a video, or a stimulus that is drawn frame by frame."""
     height, names = detectors[0].height, [detector.name for detector in detectors]
