@@ -199,13 +199,13 @@ def _labels_of(name: str, truth: Table, video: int, size: tuple[int, int]) -> li
         return [replace(labels[0], conditions=conditions)]
     return [
         replace(
-            each,
+            label,
             name=f"{name}, approach {number} of {len(labels)}",
             conditions=conditions,
             since=onset if number > 1 else 0,
             video=video,
         )
-        for number, (onset, each) in enumerate(zip(onsets, labels, strict=True), 1)
+        for number, (onset, label) in enumerate(zip(onsets, labels, strict=True), 1)
     ]
 
 
@@ -222,12 +222,12 @@ def _label_of_approach(
             continue
         objects = filter(itemgetter("looming"), frame["objects"])
         # The object that arrives first comes last, so that the frame has its box and its time.
-        for each in sorted(objects, key=_arrival_s, reverse=True):
-            if box := _within(each.get("box_px"), display, size):
+        for looming_object in sorted(objects, key=_arrival_s, reverse=True):
+            if box := _within(looming_object.get("box_px"), display, size):
                 boxes[frame["frame"]] = box
-            if each["time_to_contact_s"] is not None:
-                contacts[frame["frame"]] = each["time_to_contact_s"]
-                times.add(round(frame["time_s"] + each["time_to_contact_s"], 6))
+            if looming_object["time_to_contact_s"] is not None:
+                contacts[frame["frame"]] = looming_object["time_to_contact_s"]
+                times.add(round(frame["time_s"] + looming_object["time_to_contact_s"], 6))
     return Label(name, onset, contact, "", boxes, contacts, contact_times=tuple(sorted(times)))
 
 
@@ -255,7 +255,7 @@ def _within(
 def _conditions_of(protocol: Table) -> dict[str, str]:
     """Return the values by which clips are grouped, such as the speed, from a resolved protocol."""
     scene, camera = protocol.get("scene", {}), protocol.get("camera", {})
-    pictures = [each for each in protocol.get("object", []) if each["kind"] == PICTURE]
+    pictures = [item for item in protocol.get("object", []) if item["kind"] == PICTURE]
     moves = [f"{word} {camera[key]:g}" for key, word in _CAMERA.items() if camera.get(key)]
     conditions = {"kind": _kind(protocol, pictures, moves)}
     if scene.get("background"):

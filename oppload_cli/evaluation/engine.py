@@ -87,7 +87,7 @@ def evaluate(
         # The command has printed the faults of the manifest, so the error names those of the clips.
         # It names a fault of many clips, such as a background that is missing, only once.
         shown = [f"row {first}{_others(more)}: {fault}" for fault, (first, *more) in rows.items()]
-        shown = shown or [each.removeprefix(f"{manifest.path}: ") for each in faults]
+        shown = shown or [fault.removeprefix(f"{manifest.path}: ") for fault in faults]
         reasons = shown[:_MOST_REASONS]
         if len(shown) > _MOST_REASONS:
             reasons.append(f"and {len(shown) - _MOST_REASONS} more faults")
@@ -95,8 +95,12 @@ def evaluate(
         raise SourceError("; ".join([f"{manifest.path}: names no clip that can be used", *reasons]))
     looming = [clip.label.looming for clip in clips]
     weights = draws_of(looming, draws, videos=videos_of(clips))
-    performances = {each.name: measured(clips, each.name, weights) for each in detectors}
-    measurements = [one for each in performances.values() for one in each.measurements]
+    performances = {
+        detector.name: measured(clips, detector.name, weights) for detector in detectors
+    }
+    measurements = [
+        one for performance in performances.values() for one in performance.measurements
+    ]
     measurements += of_places(clips, FRAME_CENTRE, weights)
     return Evaluation(
         manifest, list(detectors), entries, clips, performances, measurements, faults, draws

@@ -121,19 +121,20 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
         "1 per minute, these clips": AT_ONE,
         "1 per minute, held out": f"{HELD_OUT} {AT_ONE}",
     }
-    wide = max(map(len, [*rules, *(full_label(each.name) for each in evaluation.detectors)]))
+    labels = {detector.name: full_label(detector.name) for detector in evaluation.detectors}
+    wide = max(map(len, (*rules, *labels.values())))
     for title, condition in rules.items():
         yield f"{title:<{wide}}  {'detected':<24}{'lead (s)':<10}false alarms per minute"
-        for each in evaluation.detectors:
+        for name, label in labels.items():
             rate, lead, false = (
-                measured.get((each.name, measure, condition))
+                measured.get((name, measure, condition))
                 for measure in ("detection_rate", "lead_time_s", "false_alarms_per_minute")
             )
             detected = NO_VALUE
             if rate and rate.n:
                 detected = f"{rate.value * rate.n:.0f} of {rate.n}{_interval(rate)}"
             yield (
-                f"{full_label(each.name):<{wide}}  {detected:<24}"
+                f"{label:<{wide}}  {detected:<24}"
                 f"{_value(lead):<10}{_value(false)}{_interval(false)}"
             )
     yield (
@@ -186,13 +187,15 @@ def _by_kind(
     start = f"{AT_ONE}, {KIND} "
     conditions = (condition for _, measure, condition in measured if measure == "alarmed_share")
     kinds = [
-        each.removeprefix(start) for each in dict.fromkeys(conditions) if each.startswith(start)
+        condition.removeprefix(start)
+        for condition in dict.fromkeys(conditions)
+        if condition.startswith(start)
     ]
     if not kinds:
         return
     yield "share of clips with a false alarm, at 1 per minute"
     width = max(map(len, kinds))
-    labels = {each.name: full_label(each.name) for each in evaluation.detectors}
+    labels = {detector.name: full_label(detector.name) for detector in evaluation.detectors}
     yield "  ".join([" " * width, *labels.values()])
     for kind in kinds:
         cells = [
@@ -316,8 +319,8 @@ def report_of(evaluation: Evaluation) -> dict[str, Any]:
             "box_grown_times": GROWN,
             "bootstrap": {"draws": evaluation.draws, "seed": SEED, "level_percent": LEVEL},
         },
-        "contenders": {each.name: each.as_dict() for each in evaluation.detectors},
-        "figures": [_row(each) for each in evaluation.measurements],
+        "contenders": {detector.name: detector.as_dict() for detector in evaluation.detectors},
+        "figures": [_row(measurement) for measurement in evaluation.measurements],
         "splits": list(_splits(evaluation)),
         "clips": list(_clips(evaluation)),
         "battery": battery and {name: battery.summary(name)._asdict() for name in battery.names},
@@ -328,12 +331,12 @@ def _clips(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     for index, (entry, clip) in enumerate(zip(evaluation.entries, evaluation.clips, strict=True)):
         outcomes = {
             name: {
-                each.condition: {
-                    "detected": known(each.outcomes.detected[index], bool),
-                    "lead_s": float(each.outcomes.lead_s[index]),
-                    "false_alarms": known(each.outcomes.false_alarms[index], int),
+                decision.condition: {
+                    "detected": known(decision.outcomes.detected[index], bool),
+                    "lead_s": float(decision.outcomes.lead_s[index]),
+                    "false_alarms": known(decision.outcomes.false_alarms[index], int),
                 }
-                for each in performance.decisions.values()
+                for decision in performance.decisions.values()
             }
             for name, performance in evaluation.performances.items()
         }
@@ -361,8 +364,8 @@ def _splits(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     videos = videos_of(evaluation.clips)
     for condition in (f"{HELD_OUT} {AT_ONE}", SHIPPED):
         detected = {
-            name: each.decisions[condition].outcomes.detected
-            for name, each in evaluation.performances.items()
+            name: performance.decisions[condition].outcomes.detected
+            for name, performance in evaluation.performances.items()
         }
         for one, other in combinations(detected, 2):
             split = split_of(detected[one], detected[other], videos)

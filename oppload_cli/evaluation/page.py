@@ -51,7 +51,9 @@ _DEFINITIONS = tomllib.loads(
     resources.files(__package__).joinpath("definitions.toml").read_text(encoding="utf-8")
 )
 CONDITIONS: dict[str, str] = _DEFINITIONS["conditions"]
-MEASURES = {name: _Definition(**each) for name, each in _DEFINITIONS["measures"].items()}
+MEASURES = {
+    name: _Definition(**definition) for name, definition in _DEFINITIONS["measures"].items()
+}
 INTERVALS: str = _DEFINITIONS["intervals"]
 NO_VALUE = "\N{EN DASH}"
 # Columns of the summary: title, measure, condition.
@@ -88,7 +90,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         quiet=f"{number(minutes)} minutes" if minutes >= 1.5 else f"{number(60 * minutes)} s",
         measurements=_by_measure(report["figures"]),
         splits=_splits(report["splits"]),
-        measured=list(dict.fromkeys(each["contender"] for each in report["figures"])),
+        measured=list(dict.fromkeys(figure["contender"] for figure in report["figures"])),
         parameters=_parameters,
         conditions=CONDITIONS,
         measures=MEASURES,
@@ -129,9 +131,9 @@ def _stills(evaluation: Evaluation) -> Iterator[tuple[str, list[dict[str, Any]]]
         for title, moments in _worst_of(evaluation, name).items()
         if moments
     ]
-    pictures = _pictures(evaluation, {each for *_, moments in groups for each in moments})
+    pictures = _pictures(evaluation, {moment for *_, moments in groups for moment in moments})
     for title, name, moments in groups:
-        yield title, [_still(evaluation, name, each, pictures.get(each)) for each in moments]
+        yield title, [_still(evaluation, name, moment, pictures.get(moment)) for moment in moments]
 
 
 def _still(
@@ -163,8 +165,9 @@ def _by_measure(
 ) -> dict[str, dict[str, dict[str, Mapping[str, Any]]]]:
     """Return measurements by measure, condition and detector, in the order of the definitions."""
     table: dict[str, dict[str, dict[str, Mapping[str, Any]]]] = {name: {} for name in MEASURES}
-    for each in measurements:
-        table[each["measure"]].setdefault(each["condition"], {})[each["contender"]] = each
+    for measurement in measurements:
+        by_detector = table[measurement["measure"]].setdefault(measurement["condition"], {})
+        by_detector[measurement["contender"]] = measurement
     return table
 
 
@@ -209,7 +212,7 @@ def _worst_of(evaluation: Evaluation, name: str) -> dict[str, list[_Moment]]:
     missed = sorted(peak(index, *evaluation.clips[index].approach) for index in misses)
     spans = [(index, *clip.quiet) for index, clip in enumerate(evaluation.clips)]
     largest = [peak(index, start, stop) for index, start, stop in spans if start < stop]
-    largest.sort(key=lambda each: (-each[0], each[1]))
+    largest.sort(key=lambda found: (-found[0], found[1]))
     return {
         "Worst misses": [moment for _, moment in missed[:_MOST]],
         "Largest evidence without an approach": [

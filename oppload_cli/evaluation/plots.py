@@ -62,8 +62,8 @@ _SHARES: dict[str, Any] = {"xlim": (-0.01, 1.01), "ylim": (0, 1.02)}  # limits f
 def _detection(axes: Axes, performances: Performances) -> None:
     for rate in RATES:
         axes.axvline(rate, color=FAINT, lw=0.7, linestyle=":")
-    for each, look in _looks(performances):
-        rates, detected = _detection_curve(each)
+    for performance, look in _looks(performances):
+        rates, detected = _detection_curve(performance)
         if len(rates):
             axes.step(rates, detected, where="post", **look)
     axes.set(xlim=(0, _HIGHEST_RATE), ylim=(-0.02, 1.02), title="detection by one fixed threshold")
@@ -93,27 +93,28 @@ def _detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
 def _roc(axes: Axes, performances: Performances) -> None:
     axes.set(xlabel="false positive rate", ylabel="true positive rate", title="ROC", **_SHARES)
     axes.plot([0, 1], [0, 1], color=FAINT, lw=0.7, linestyle=":")
-    for each, look in _looks(performances):
-        if each.curves is not None:
-            look["label"] += f" ({each.curves.auc:.3f})"
-            axes.plot(each.curves.false_rate, each.curves.true_rate, **look)
+    for performance, look in _looks(performances):
+        if (curves := performance.curves) is not None:
+            look["label"] += f" ({curves.auc:.3f})"
+            axes.plot(curves.false_rate, curves.true_rate, **look)
     _legend(axes)
 
 
 def _precision_recall(axes: Axes, performances: Performances) -> None:
     axes.set(xlabel="recall", ylabel="precision", title="precision and recall", **_SHARES)
-    for each, look in _looks(performances):
-        if each.curves is not None:
-            look["label"] += f" ({each.curves.average_precision:.3f})"
-            rises = np.append(True, np.diff(each.curves.true_rate) > 0)
-            recall, precision = each.curves.true_rate[rises], each.curves.precision[rises]
-            axes.step(recall, precision, where="pre", **look)
+    for performance, look in _looks(performances):
+        if (curves := performance.curves) is not None:
+            look["label"] += f" ({curves.average_precision:.3f})"
+            rises = np.append(True, np.diff(curves.true_rate) > 0)
+            axes.step(curves.true_rate[rises], curves.precision[rises], where="pre", **look)
     _legend(axes)
 
 
 def _order(axes: Axes, performances: Performances) -> None:
-    for index, (each, look) in enumerate(_looks(performances)):
-        pairs = {one.condition: one for one in each.measurements if one.measure == "ordered_pairs"}
+    for index, (performance, look) in enumerate(_looks(performances)):
+        pairs = {
+            one.condition: one for one in performance.measurements if one.measure == "ordered_pairs"
+        }
         rows = [pairs[f"{frames} frames before contact"] for frames in AHEAD]
         x, width = _beside(len(rows), index, len(performances))
         values = np.array([row.value for row in rows])
@@ -133,8 +134,8 @@ def _order(axes: Axes, performances: Performances) -> None:
 
 def _leads(axes: Axes, performances: Performances) -> None:
     labels = []
-    for row, (each, look) in enumerate(_looks(performances)):
-        outcomes = each.decisions[AT_ONE].outcomes
+    for row, (performance, look) in enumerate(_looks(performances)):
+        outcomes = performance.decisions[AT_ONE].outcomes
         leads = np.sort(outcomes.lead_s[~np.isnan(outcomes.lead_s)])
         approaches = int((~np.isnan(outcomes.detected)).sum())
         labels.append(f"{look['label']}\n{len(leads)} of {approaches}")
@@ -157,7 +158,9 @@ def _leads(axes: Axes, performances: Performances) -> None:
 def _rank_among_equal(values: Numbers) -> Numbers:
     """Return 0, 1, -1, 2, -2, ... for the values that are equal."""
     rounded = np.round(values, 3)
-    ranks = np.array([(rounded[:index] == each).sum() for index, each in enumerate(rounded)], float)
+    ranks = np.array(
+        [(rounded[:index] == value).sum() for index, value in enumerate(rounded)], float
+    )
     return np.where(ranks % 2, 1, -1) * np.ceil(ranks / 2)
 
 
@@ -165,10 +168,10 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
     prefix = f"{AT_ONE}, "
     kinds: dict[str, Measurement] = {}
     highest = 1.0
-    for index, (each, look) in enumerate(_looks(performances)):
+    for index, (performance, look) in enumerate(_looks(performances)):
         kinds = {
             one.condition.removeprefix(prefix): one
-            for one in each.measurements
+            for one in performance.measurements
             if one.measure == "false_alarms_per_minute" and one.condition.startswith(prefix)
         }
         y, height = _beside(len(kinds), index, len(performances))
@@ -202,11 +205,11 @@ def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
 
 def _looks(performances: Performances) -> Iterator[tuple[Performance, dict[str, Any]]]:
     """Yield each performance with the label, colour and dashes of its line."""
-    for index, (name, each) in enumerate(performances.items()):
+    for index, (name, performance) in enumerate(performances.items()):
         look = {"label": wrapped(full_label(name), _LABEL), "color": _colour_of(name)}
         # Each line is thinner than the one before, so that lines that coincide are all seen.
         width = max(1.0, 2.6 - 0.4 * index)
-        yield each, {**look, "lw": width, "ls": DASHES[index % len(DASHES)]}
+        yield performance, {**look, "lw": width, "ls": DASHES[index % len(DASHES)]}
 
 
 def _bar_look(look: Mapping[str, Any], index: int) -> dict[str, Any]:
@@ -239,9 +242,9 @@ def _columns(labels: Sequence[str]) -> int:
     widths = [max(map(width_em, label.splitlines())) + _HANDLE_EM for label in labels]
 
     def width(columns: int) -> float:
-        return sum(max(each, default=0.0) for each in np.array_split(widths, columns))
+        return sum(max(column, default=0.0) for column in np.array_split(widths, columns))
 
-    return next((each for each in (3, 2) if width(each) <= _LEGEND_EM), 1)
+    return next((columns for columns in (3, 2) if width(columns) <= _LEGEND_EM), 1)
 
 
 def _say(axes: Axes, words: str) -> None:

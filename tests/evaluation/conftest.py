@@ -34,7 +34,7 @@ def labelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("labelled")
     boxes: dict[str, dict[str, list[float]]] = {}
     for name, (wanted, changes) in STIMULI.items():
-        (entry,) = (each for each in stimulus.find(wanted) if each.name == wanted)
+        (entry,) = (entry for entry in stimulus.find(wanted) if entry.name == wanted)
         protocol = entry.with_settings({**SMALL, **changes}).protocols()[0]
         written = stimulus.write(protocol, folder)
         shutil.move(written.video, folder / name)

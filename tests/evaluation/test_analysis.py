@@ -106,7 +106,7 @@ def test_the_flow_skips_repeats(tmp_path: Path) -> None:
         flow = FlowDivergence(video.working.shape)
         answers = [flow.step(frame.luma) for frame in video if frame.index % 2 == 0]
     assert answers[0] is None
-    assert found[4::2].tolist() == [each.response for each in answers[2:] if each]
+    assert found[4::2].tolist() == [answer.response for answer in answers[2:] if answer]
     assert np.isnan(found[0])
 
 
@@ -136,7 +136,7 @@ def test_a_clip_that_cannot_be_decoded_or_is_too_short_is_a_fault(tmp_path: Path
 
 def test_a_clip_too_wide_for_the_working_height_is_a_fault(tmp_path: Path) -> None:
     wide = write_video(tmp_path / "wide.mkv", grey_frames(2, 2400, 8))
-    detectors = [replace(each, height=240) for each in SMALL]
+    detectors = [replace(detector, height=240) for detector in SMALL]
     (analysed,) = analyse_clips([ClipEntry(2, wide, Label("wide.mkv"))], detectors)
     assert analysed.clip is None
     assert analysed.faults[0].startswith(f"{wide}: a working size of ")

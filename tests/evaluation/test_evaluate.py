@@ -42,7 +42,7 @@ class Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         values = {name: value or "" for name, value in attrs}
         self.sources += [values[name] for name in ("src", "href") if name in values]
-        self.sources = [each for each in self.sources if not each.startswith("#")]
+        self.sources = [source for source in self.sources if not source.startswith("#")]
         if tag == "section":
             self._section = values["id"]
         self._is_value = values.get("class") in {"value", "spread"}
@@ -172,7 +172,7 @@ def test_tables_and_report_agree_on_every_window_and_frame(evaluated: Path) -> N
     firsts = {clip["file"]: clip["first_frame"] for clip in report["clips"]}
     assert set(firsts.values()) == {3}
     for clip in report["clips"]:
-        outcomes = [one for each in clip["outcomes"].values() for one in each.values()]
+        outcomes = [one for by_rule in clip["outcomes"].values() for one in by_rule.values()]
         detected = {type(one["detected"]) for one in outcomes}
         assert detected == ({bool} if clip["label"] == "looming" else {type(None)})
     uses = set()
@@ -271,7 +271,7 @@ def test_the_same_clips_give_the_same_bytes(
     for name in FILES:
         if name != "report.json":
             assert (tmp_path / name).read_bytes() == (evaluated / name).read_bytes(), name
-    reports = [json.loads((each / "report.json").read_text()) for each in (tmp_path, evaluated)]
+    reports = [json.loads((folder / "report.json").read_text()) for folder in (tmp_path, evaluated)]
     for report in reports:
         assert report.pop("timing")["wall_s"] > 0
     assert reports[0] == reports[1]

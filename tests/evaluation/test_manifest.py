@@ -56,7 +56,7 @@ def test_the_rows_of_a_manifest(folder: Path) -> None:
 def test_the_true_rate_of_a_clip(folder: Path) -> None:
     rows = "a.avi,none,,,30000/1001", "b.avi,none,,,", "c.avi,none,,,fast"
     found = read_manifest(written(folder, *rows, header=f"{HEADER},true_rate"))
-    assert [each.true_rate for each in found.entries] == [Fraction(30000, 1001), None]
+    assert [entry.true_rate for entry in found.entries] == [Fraction(30000, 1001), None]
     (fault,) = found.faults
     assert "row 4: c.avi: true_rate must be the frames/s of the camera, such as 500" in fault
     assert found.notes == ()

@@ -50,8 +50,8 @@ CLIPS = [
 
 @pytest.fixture(scope="module")
 def evaluation() -> Evaluation:
-    found = measured(CLIPS, OPPLOD, draws_of([each.label.looming for each in CLIPS], 100))
-    entries = [ClipEntry(at, Path(each.label.name), each.label) for at, each in enumerate(CLIPS, 2)]
+    found = measured(CLIPS, OPPLOD, draws_of([clip.label.looming for clip in CLIPS], 100))
+    entries = [ClipEntry(at, Path(clip.label.name), clip.label) for at, clip in enumerate(CLIPS, 2)]
     manifest = Manifest(Path("clips.csv"), entries, ["row 9: <gone>"], 6)
     detector = EvaluatedDetector(OPPLOD, "made by hand", 240, OpplodParams(), alarm_params())
     return Evaluation(
@@ -135,7 +135,7 @@ def contrast(colour: str, ground: str) -> float:
 
 def luminance_of(colour: str) -> float:
     digits = colour.removeprefix("#")
-    digits = "".join(2 * each for each in digits) if len(digits) == 3 else digits
+    digits = "".join(2 * digit for digit in digits) if len(digits) == 3 else digits
     share = np.frombuffer(bytes.fromhex(digits), np.uint8) / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return float(linear @ [0.2126, 0.7152, 0.0722])
@@ -154,8 +154,8 @@ def test_the_page_compares_each_pair_of_detectors() -> None:
     ]  # fmt: skip
     quiet = clip([0.0] * 603)
     clips.append(replace(quiet, outputs=dict.fromkeys(peaks_of, quiet.outputs[NAME])))
-    draws = draws_of([each.label.looming for each in clips], 100)
-    entries = [ClipEntry(at, Path(f"{at}.avi"), each.label) for at, each in enumerate(clips, 2)]
+    draws = draws_of([clip.label.looming for clip in clips], 100)
+    entries = [ClipEntry(at, Path(f"{at}.avi"), clip.label) for at, clip in enumerate(clips, 2)]
     evaluation = Evaluation(
         Manifest(Path("clips.csv"), entries, [], 8),
         [EvaluatedDetector(name, "", 240, OpplodParams(), alarm_params()) for name in peaks_of],
@@ -244,7 +244,9 @@ def test_nan_and_infinity_are_null_in_the_report(evaluation: Evaluation, tmp_pat
         written = list(write_evaluation(evaluation, tmp_path, claim, lambda: 2.0))
     assert [path.name for path in written] == list(FILES)
     report = json.loads(claim.path.read_text("utf-8"), parse_constant=pytest.fail)
-    values = {(each["measure"], each["condition"]): each["value"] for each in report["figures"]}
+    values = {
+        (figure["measure"], figure["condition"]): figure["value"] for figure in report["figures"]
+    }
     assert values["distinct_ratio", "median over clips"] is None  # infinite
     assert values["place_distance_px", "within 15 frames of contact"] > 0
     assert report["clips"][0]["outcomes"][OPPLOD]["at 1 per minute"]["lead_s"] == 0.5

@@ -31,7 +31,7 @@ MEASURED = {NAME: measured(CLIPS, NAME, draws_of([True, True, False, False], 100
 def line_of(axes: Axes, number: int) -> tuple[list[float], list[float]]:
     """The x and the y of the points of a line."""
     line = axes.get_lines()[number]
-    x, y = (np.asarray(each, float) for each in (line.get_xdata(), line.get_ydata()))
+    x, y = (np.asarray(values, float) for values in (line.get_xdata(), line.get_ydata()))
     return x.tolist(), y.tolist()
 
 
@@ -76,7 +76,7 @@ def test_every_plot_has_the_numbers_of_its_definition() -> None:
         clip(peaks(603, dict.fromkeys(range(100, 130), 1.0) | {100: 3.0, 130: 3.0})),
         clip(peaks(603, {100: 2.0})),
     ]
-    found = measured(clips, NAME, draws_of([each.label.looming for each in clips], 100))
+    found = measured(clips, NAME, draws_of([clip.label.looming for clip in clips], 100))
     panels = {plot: figure_of(plot, {NAME: found, "dlgmd": found}).axes[0] for plot in PLOTS}
     minutes = 2 + 4 * 7.7 / 60
     rates, detected = line_of(panels["detection.png"], -1)
@@ -90,11 +90,13 @@ def test_every_plot_has_the_numbers_of_its_definition() -> None:
     assert line_of(panels["lead-time.png"], 1)[0] == pytest.approx([0.5, 0.5])  # the median
     labels = [label.get_text() for label in panels["lead-time.png"].get_yticklabels()]
     assert labels == ["detector\n3 of 4", "D-LGMD\n3 of 4"]
-    pairs = [each for each in found.measurements if each.measure == "ordered_pairs"]
-    (spread, *_) = (each for each in panels["within-clip.png"].collections)
+    pairs = [
+        measurement for measurement in found.measurements if measurement.measure == "ordered_pairs"
+    ]
+    spread, *_ = panels["within-clip.png"].collections
     assert isinstance(spread, LineCollection)
     ends = [segment[:, 1].tolist() for segment in spread.get_segments()]
-    assert ends == [pytest.approx([each.low, each.high]) for each in pairs]
+    assert ends == [pytest.approx([pair.low, pair.high]) for pair in pairs]
     lower = [bar.get_y() for bar in panels["false-alarms.png"].patches]  # type: ignore[attr-defined]
     assert len(set(lower)) == len(lower) == 2 * 2  # no bar covers another one
 
@@ -109,7 +111,7 @@ def test_dollar_signs_in_a_kind_of_motion_are_no_formula() -> None:
 
 def test_many_equal_leads_stay_in_the_row_of_their_detector() -> None:
     clips = [*[clip(peaks(100, {85: 1.0}), 80, 90)] * 20, clip(peaks(603, {100: 0.5}))]
-    found = measured(clips, NAME, draws_of([each.label.looming for each in clips], 100))
+    found = measured(clips, NAME, draws_of([clip.label.looming for clip in clips], 100))
     (axes,) = figure_of("lead-time.png", {NAME: found}).axes
     rows = np.sort(np.asarray(axes.get_lines()[0].get_ydata()))
     assert len(np.unique(rows)) == 20
@@ -130,7 +132,7 @@ def test_many_equal_leads_stay_in_the_row_of_their_detector() -> None:
 def test_plots_without_approaches_or_false_alarms_say_so(
     clips: list[Clip], words: list[str]
 ) -> None:
-    found = measured(clips, NAME, draws_of([each.label.looming for each in clips], 100))
+    found = measured(clips, NAME, draws_of([clip.label.looming for clip in clips], 100))
     said = []
     for plot in PLOTS:
         figure = figure_of(plot, {NAME: found})
@@ -174,4 +176,6 @@ def test_words_of_an_empty_plot_are_not_crossed_by_intervals() -> None:
     ground = words.get_bbox_patch()
     assert ground is not None
     assert ground.get_facecolor() == (1, 1, 1, 1)
-    assert words.get_zorder() > max(each.get_zorder() for each in (*axes.lines, *axes.collections))
+    assert words.get_zorder() > max(
+        artist.get_zorder() for artist in (*axes.lines, *axes.collections)
+    )

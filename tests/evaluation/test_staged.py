@@ -165,7 +165,7 @@ def test_leads_count_to_the_next_true_contact(name: str, contacts: list[float]) 
     times = np.arange(300) / 60
     shown = Clip(label, times, 64, 64, {})
     for frame in (5, label.contact):
-        ahead = [each for each in contacts if each > times[frame]] or [times[label.contact]]
+        ahead = [later for later in contacts if later > times[frame]] or [times[label.contact]]
         assert shown.lead(frame) == pytest.approx(ahead[0] - times[frame])
 
 
@@ -236,7 +236,7 @@ def test_the_users_own_videos_take_the_place_of_the_backgrounds() -> None:
     # Those with a camera that moves, or with a cut between two backgrounds, are left out.
     patterns = [f"staged/{name}" for name in ("braking", "flash", "cut", "collision-pan")]
     entries = clips_of(patterns, None, ["a.mp4", "b.mp4"], CHANGES[:2]).entries
-    made = [each.path for each in entries if isinstance(each.path, stimulus.Protocol)]
+    made = [entry.path for entry in entries if isinstance(entry.path, stimulus.Protocol)]
     assert {protocol.scene.background for protocol in made} == {"a.mp4", "b.mp4"}
     assert {protocol.scene.background_fit for protocol in made} == {"cover"}
     assert not any(protocol.camera and protocol.camera.moves for protocol in made)
@@ -314,7 +314,7 @@ def test_a_detector_without_alarms_has_no_share_of_alarmed_clips() -> None:
     silent = replace(seen, outputs={"d": replace(seen.outputs["d"], alarm=None)})
     for one, conditions in ((seen, 4), (silent, 2)):
         found = measured([one], "d", draws_of([False], 9)).measurements
-        assert sum(each.measure == "alarmed_share" for each in found) == conditions
+        assert sum(measurement.measure == "alarmed_share" for measurement in found) == conditions
 
 
 @pytest.mark.parametrize(("estimate", "share"), [(0.33, 1), (0.31, 0), (0.47, 1), (0.49, 0)])
@@ -467,7 +467,7 @@ def test_the_boxes_of_a_scaled_video_are_in_its_own_pixels(tmp_path: Path) -> No
     for frame, left in ((18, 63.5), (19, 62.5)):
         truth["frames"][frame]["objects"][0]["box_px"] = [left, 10, 20, 20]
     (tmp_path / "half.stimulus.json").write_text(json.dumps(truth))
-    matched = [str(each) for each in tmp_path.glob("half.*")]  # also the ground truth
+    matched = [str(path) for path in tmp_path.glob("half.*")]  # also the ground truth
     (entry,) = clips_of(matched, None, [], []).entries
     assert 18 not in entry.label.boxes
     assert entry.label.boxes[19] == pytest.approx((31.25, 5, 0.75, 10))

@@ -57,15 +57,18 @@ class Thresholds:
         self._clips, self._detector = clips, detector
         self.minutes = _minutes(clips)  # of footage without an approach, in each clip
         self._evidence = [clip.outputs[detector].evidence for clip in clips]
-        quiet = [each[slice(*clip.quiet)] for each, clip in zip(self._evidence, clips, strict=True)]
+        quiet = [
+            evidence[slice(*clip.quiet)]
+            for evidence, clip in zip(self._evidence, clips, strict=True)
+        ]
         # The thresholds: every local maximum of the evidence in footage without an approach, the
         # largest first. Evidence above a level is an alarm.
-        self.levels = np.unique(np.concatenate([_maxima(each) for each in quiet]))[::-1]
+        self.levels = np.unique(np.concatenate([_maxima(evidence) for evidence in quiet]))[::-1]
         # Number of false alarms in each clip (row) at each level (column).
         self.counts = np.array(
             [
-                _counts(each, clip.time_s[slice(*clip.quiet)], self.levels)
-                for each, clip in zip(quiet, clips, strict=True)
+                _counts(evidence, clip.time_s[slice(*clip.quiet)], self.levels)
+                for evidence, clip in zip(quiet, clips, strict=True)
             ],
             np.float64,  # NumPy multiplies floats many times faster than integers
         ).reshape(len(clips), len(self.levels))
@@ -101,8 +104,8 @@ class Thresholds:
         """
         thresholds = np.broadcast_to(threshold, len(self._clips))
         above = [
-            None if np.isnan(each) else evidence > each
-            for each, evidence in zip(thresholds, self._evidence, strict=True)
+            None if np.isnan(level) else evidence > level
+            for level, evidence in zip(thresholds, self._evidence, strict=True)
         ]
         return _outcomes(self._clips, above)
 
@@ -113,10 +116,10 @@ class Thresholds:
         """
         clips, condition = self._clips, _condition_of(rate)
         threshold = self.lowest(np.ones(len(clips), np.int64), rate)
-        drawn = [self.lowest(each, rate) for each in draws]
+        drawn = [self.lowest(weights, rate) for weights in draws]
         # Many draws have the same threshold.
-        outcomes_at = {each: self.outcomes(each) for each in {threshold, *drawn}}
-        own, each_draw = outcomes_at[threshold], [outcomes_at[each] for each in drawn]
+        outcomes_at = {level: self.outcomes(level) for level in {threshold, *drawn}}
+        own, each_draw = outcomes_at[threshold], [outcomes_at[level] for level in drawn]
         measured = _measurements(clips, self._detector, condition, own, draws, drawn=each_draw)
         bounds = interval(np.array(drawn))
         footage = int((self.minutes > 0).sum())
@@ -130,7 +133,7 @@ class Thresholds:
         """
         videos = videos_of(self._clips)
         others = (videos[:, None] != videos).astype(np.int64)
-        chosen = np.array([self.lowest(each, rate) for each in others])
+        chosen = np.array([self.lowest(weights, rate) for weights in others])
         outcomes, condition = self.outcomes(chosen), f"{HELD_OUT} {_condition_of(rate)}"
         # No rates by kind of motion: each kind has few clips.
         measured = _measurements(
@@ -249,11 +252,11 @@ def _measurements(
         values = [statistic(*pair) for pair in zip(each_draw, draws, strict=True)]
         return statistic(outcomes, once), *interval(np.array(values))
 
-    rate, low, high = estimated(lambda each, weights: weighted_mean(each.detected, weights))
+    rate, low, high = estimated(lambda outcomes, weights: weighted_mean(outcomes.detected, weights))
     approaches = int((~np.isnan(outcomes.detected)).sum())
     bounds = share_interval(rate, approaches, low, high)
     yield Measurement(detector, "detection_rate", condition, rate, *bounds, approaches)
-    lead = estimated(lambda each, weights: weighted_median(each.lead_s, weights))
+    lead = estimated(lambda outcomes, weights: weighted_median(outcomes.lead_s, weights))
     detections = int(np.nansum(outcomes.detected))
     yield Measurement(detector, "lead_time_s", condition, *lead, detections)
     minutes = _minutes(clips)
@@ -261,9 +264,9 @@ def _measurements(
     for kind in ("", *(sorted(set(kinds[minutes > 0])) if by_kind else ())):
         of_kind = (kinds == kind) | (kind == "")
 
-        def per_minute(each: _Outcomes, weights: Weights, of_kind: Flags = of_kind) -> float:
+        def per_minute(outcomes: _Outcomes, weights: Weights, of_kind: Flags = of_kind) -> float:
             total = float(minutes[of_kind] @ weights[of_kind])
-            count = float(each.false_alarms[of_kind] @ weights[of_kind])
+            count = float(outcomes.false_alarms[of_kind] @ weights[of_kind])
             return count / total if total else float("nan")
 
         counted = of_kind & ~np.isnan(outcomes.false_alarms)

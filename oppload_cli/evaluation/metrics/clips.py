@@ -117,7 +117,7 @@ class Clip:
         So the same frames count for all detectors. The value is the clip's length if there is no
         such frame.
         """
-        valid = np.all([np.isfinite(each.response) for each in self.outputs.values()], axis=0)
+        valid = np.all([np.isfinite(output.response) for output in self.outputs.values()], axis=0)
         return max(int(valid.argmax()), self.label.since) if valid.any() else len(self)
 
     @property
@@ -151,7 +151,9 @@ class Clip:
     def lead(self, frame: int) -> float:
         """Return the time from a frame of the approach to the next contact, in seconds."""
         now = float(self.time_s[frame])
-        contacts_s = [each for each in self.label.contact_times if each >= now - EPSILON_S]
+        contacts_s = [
+            contact_s for contact_s in self.label.contact_times if contact_s >= now - EPSILON_S
+        ]
         return (contacts_s[0] if contacts_s else float(self.time_s[self.approach[1] - 1])) - now
 
     def windows(self, start: int, stop: int) -> list[Window]:
@@ -193,7 +195,7 @@ class Clip:
             return float("nan"), 0
         response = self.outputs[detector].response
         last = approach.score(response)
-        scores = np.array([each.score(response) for each in earlier])
+        scores = np.array([window.score(response) for window in earlier])
         return float(np.mean((scores < last) + 0.5 * (scores == last))), len(earlier)
 
     def _window_to(self, stop: int, least: int) -> Window | None:
@@ -213,8 +215,8 @@ class Clip:
 def videos_of(clips: Sequence[Clip]) -> Positions:
     """Return the number of each clip's video: clips of one video are no independent examples."""
     shared = [clip.label.video for clip in clips]
-    first_free = max((each for each in shared if each is not None), default=-1) + 1
-    numbers = [first_free + i if each is None else each for i, each in enumerate(shared)]
+    first_free = max((number for number in shared if number is not None), default=-1) + 1
+    numbers = [first_free + i if number is None else number for i, number in enumerate(shared)]
     return np.array(numbers, np.int64)
 
 

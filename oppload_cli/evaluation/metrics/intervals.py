@@ -83,7 +83,7 @@ def estimate(statistic: Callable[[Weights], float], draws: Weights) -> tuple[flo
         From :func:`draws_of`.
     """
     value = statistic(np.ones(draws.shape[1], np.int64))
-    return value, *interval(np.array([statistic(each) for each in draws]))
+    return value, *interval(np.array([statistic(weights) for weights in draws]))
 
 
 def share_interval(share: float, count: int, low: float, high: float) -> tuple[float, float]:

@@ -72,8 +72,8 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
         *(thresholds.held_out(rate, draws) for rate in RATES),
         shipped(clips, detector, draws),
     ]
-    decisions = {each.condition: each for each in rules}
-    measurements = [each for decision in rules for each in decision.measurements]
+    decisions = {decision.condition: decision for decision in rules}
+    measurements = [measurement for decision in rules for measurement in decision.measurements]
     for condition in (AT_ONE, SHIPPED):
         measurements += _of_conditions(clips, detector, decisions[condition], draws)
     measurements += _of_objects(clips, detector, draws)
@@ -324,15 +324,15 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
         clip.outputs[detector].winner is not None for clip in clips
     )
     boxed = places(clips, detector) if has_units else []
-    near = [each for each in boxed if each.near]
+    near = [place for place in boxed if place.near]
     measurements = []
     for condition, part in (
         (f"within {NEAR_CONTACT} frames of contact", near),
         ("all boxed frames", boxed),
     ):
-        owner = np.array([each.clip for each in part])
+        owner = np.array([place.clip for place in part])
         for name in ("inside", "distance_px", "distance_diagonals") if part else ():
-            values = np.array([getattr(each, name) for each in part], np.float64)
+            values = np.array([getattr(place, name) for place in part], np.float64)
             averaged = (_share if name == "inside" else _median)(values, draws, owner)
             measurements.append(Measurement(detector, f"place_{name}", condition, *averaged))
     return measurements

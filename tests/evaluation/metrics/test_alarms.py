@@ -64,9 +64,9 @@ def test_the_alarms_at_all_levels_are_those_at_each_level_also_at_uneven_times()
     most = []
     for seen in (even, replace(even, time_s=time_s), *walks):
         thresholds = Thresholds([seen], NAME)
-        each = [thresholds.outcomes(level).false_alarms[0] for level in thresholds.levels]
-        assert thresholds.counts[0].tolist() == each
-        most.append(max(each))
+        in_clip = [thresholds.outcomes(level).false_alarms[0] for level in thresholds.levels]
+        assert thresholds.counts[0].tolist() == in_clip
+        most.append(max(in_clip))
     assert min(most[:2]) > 3
 
 
@@ -152,7 +152,10 @@ def test_contact_and_onset_are_part_of_the_approach() -> None:
 
 def test_figures_at_a_rate() -> None:
     found = Thresholds(CLIPS, NAME).at_rate(1.0, DRAWS)
-    values = {(each.measure, each.condition): each for each in found.measurements}
+    values = {
+        (measurement.measure, measurement.condition): measurement
+        for measurement in found.measurements
+    }
     assert values["detection_rate", "at 1 per minute"].value == 0.5
     assert values["detection_rate", "at 1 per minute"].n == 2
     assert values["lead_time_s", "at 1 per minute"].value == pytest.approx(1.0)
@@ -192,7 +195,7 @@ def test_held_out_thresholds_come_from_the_other_clips() -> None:
     assert found.thresholds.tolist() == [2, 2.5, 3, 3]
     assert found.outcomes.false_alarms.tolist() == [2, 1, 0, 0]
     assert found.outcomes.detected[2:].tolist() == [1, 0]
-    values = {each.measure: each.value for each in found.measurements}
+    values = {measurement.measure: measurement.value for measurement in found.measurements}
     assert values["false_alarms_per_minute"] == pytest.approx(1)
     assert values["lead_time_s"] == pytest.approx(1.0)
 
@@ -234,7 +237,7 @@ def test_the_alarm_as_shipped() -> None:
     assert found.outcomes.false_alarms.tolist() == [2, 1, 0, 0]
     assert found.outcomes.detected[1:].tolist() == [1, 0, 1]
     assert found.outcomes.lead_s[[1, 3]] == pytest.approx([9.7, 1.0])
-    values = {each.measure: each.value for each in found.measurements}
+    values = {measurement.measure: measurement.value for measurement in found.measurements}
     assert values["detection_rate"] == pytest.approx(2 / 3)
     assert values["lead_time_s"] == pytest.approx((9.7 + 1.0) / 2)
 
@@ -244,7 +247,7 @@ def test_without_footage_or_approaches_every_value_is_nan() -> None:
     thresholds = Thresholds([at_once], NAME)
     assert np.isnan(thresholds.lowest(np.array([1]), 1.0))
     found = thresholds.at_rate(1.0, draws_of([True], 100))
-    assert all(np.isnan(each.value) for each in found.measurements)
+    assert all(np.isnan(measurement.value) for measurement in found.measurements)
 
 
 def test_each_draw_chooses_its_own_threshold() -> None:
@@ -253,12 +256,18 @@ def test_each_draw_chooses_its_own_threshold() -> None:
     draws = draws_of([False, False, True], 400)
     thresholds = Thresholds(clips, NAME)
     found = thresholds.at_rate(0.4, draws)
-    values = {each.measure: [each.value, each.low, each.high] for each in found.measurements}
+    values = {
+        measurement.measure: [measurement.value, measurement.low, measurement.high]
+        for measurement in found.measurements
+    }
     assert values["detection_rate"] == [0, 0, 1]
     assert values["threshold"] == [5, 0, 5]
     # Held-out thresholds are not chosen again in each draw.
     fixed = thresholds.held_out(0.4, draws)
-    kept = {each.measure: [each.value, each.low, each.high] for each in fixed.measurements}
+    kept = {
+        measurement.measure: [measurement.value, measurement.low, measurement.high]
+        for measurement in fixed.measurements
+    }
     assert kept["detection_rate"] == pytest.approx([0, 0, 0.975])
 
 
@@ -318,7 +327,7 @@ def test_approaches_of_one_video_are_no_independent_evidence() -> None:
 def test_the_interval_of_a_rate_is_that_of_garwood(events_seen: int) -> None:
     low, high = rate_interval(events_seen, 2.0, np.nan, np.nan)
     expected = chdtri(2 * events_seen, 0.975), chdtri(2 * events_seen + 2, 0.025)  # of chi-square
-    assert [low, high] == pytest.approx([each / 4 for each in expected], rel=1e-6)
+    assert [low, high] == pytest.approx([value / 4 for value in expected], rel=1e-6)
     assert rate_interval(events_seen, 2.0, low + 0.01, high - 0.01) == (low, high)
     assert rate_interval(events_seen, 2.0, low - 0.01, high + 0.01) == (low - 0.01, high + 0.01)
 
@@ -332,7 +341,7 @@ def test_no_false_alarm_has_at_least_the_upper_bound_of_the_rule_of_three() -> N
     quiet = {"a": {100: 5.0}, "b": {100: 2.0}, "c": {}}
     clips = [clip(peaks(603, at), motion=kind) for kind, at in quiet.items()]
     found = Thresholds(clips, NAME).at_rate(0.4, draws_of([False] * 3, 400)).measurements
-    of_kind = next(each for each in found if each.condition.endswith(", b"))
+    of_kind = next(measurement for measurement in found if measurement.condition.endswith(", b"))
     assert [of_kind.value, of_kind.low, of_kind.high] == pytest.approx([0, 0, 3])
 
 

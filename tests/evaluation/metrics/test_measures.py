@@ -92,7 +92,10 @@ def test_how_far_an_approach_stands_out(approach: Clip, ratio: float) -> None:
     approach = replace(approach, outputs={NAME: near})
     calm = [clip(peaks(60, {20: peak})) for peak in (1.0, 3.0, 30.0)]
     draws = draws_of([True, False, False, False], 100)
-    found = {each.measure: each for each in measured([approach, *calm], NAME, draws).measurements}
+    found = {
+        measurement.measure: measurement
+        for measurement in measured([approach, *calm], NAME, draws).measurements
+    }
     assert (found["distinct_ratio"].value, found["distinct_ratio"].n) == (ratio, 1)
 
 
@@ -130,15 +133,15 @@ def test_places_of_the_winning_unit() -> None:
     seen = clip([0.0] * 80, 30, 65, boxes=boxes, winner=fields.tolist())
     found = places([seen], NAME)
     # Of frames 40, 50, 55, 58, 60: frame 1 is warm-up, 99 beyond the clip; 60 has no winner.
-    assert [each.inside for each in found] == [True, True, False, False, False]
-    assert [each.near for each in found] == [False, True, True, True, True]
-    assert [each.distance_px for each in found] == pytest.approx(
+    assert [place.inside for place in found] == [True, True, False, False, False]
+    assert [place.near for place in found] == [False, True, True, True, True]
+    assert [place.distance_px for place in found] == pytest.approx(
         [0, 30, 31, 16, np.nan], nan_ok=True
     )
     assert found[1].distance_diagonals == pytest.approx(30 / np.hypot(40, 20))
     figures = {
-        (each.measure, each.condition): each
-        for each in of_places([seen], NAME, draws_of([True], 100))
+        (measurement.measure, measurement.condition): measurement
+        for measurement in of_places([seen], NAME, draws_of([True], 100))
     }
     assert figures["place_inside", "within 15 frames of contact"].value == 0.25
     assert figures["place_inside", "all boxed frames"].value == 0.4
@@ -157,7 +160,7 @@ def test_places_of_the_winning_unit() -> None:
 def test_frames_near_contact_are_those_from_15_before_it_to_its_own() -> None:
     boxes = dict.fromkeys((49, 50, 65, 66), (100.0, 50.0, 40.0, 20.0))
     found = places([clip([0.0] * 80, 30, 65, boxes=boxes)], FRAME_CENTRE)
-    assert [each.near for each in found] == [False, True, True, False]
+    assert [place.near for place in found] == [False, True, True, False]
 
 
 def test_a_detector_without_units_has_no_measurements_of_places() -> None:
@@ -274,7 +277,7 @@ def test_the_interval_of_an_area_counts_videos() -> None:
     assert area.value == pytest.approx((1 + 0.5 * ties / others) / 2)
     # All three videos have windows without an approach, 18 in all.
     assert (area.low, area.high) == area_interval(area.value, 2, 3)
-    halves = [replace(each, label=replace(each.label, video=0)) for each in clips[:2]]
+    halves = [replace(clip, label=replace(clip.label, video=0)) for clip in clips[:2]]
     found = measured([*halves, clips[2]], NAME, draws).measurements
     area = next(f for f in found if f.measure == "roc_auc")
     assert (area.low, area.high) == area_interval(area.value, 1, 2)
