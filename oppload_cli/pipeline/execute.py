@@ -326,7 +326,7 @@ class _Run:
             notes=tuple(decode.messages),
             remarks=self._remarks(),
             summaries=self._summaries,
-            verdicts=tuple(each.verdict for each in self._alarms.values()),
+            verdicts=tuple(alarm.verdict for alarm in self._alarms.values()),
         )
 
     def _remarks_on_rate(self) -> Iterator[str]:
@@ -396,7 +396,7 @@ class _Run:
             )
         remarks += self._repeats.remarks()
         remarks += self.video.working.remarks()
-        silent = [name for name, each in self._summaries.items() if not each.frames]
+        silent = [name for name, summary in self._summaries.items() if not summary.frames]
         if self.frames and silent:
             remarks.append(self._never_responded(silent))
         seconds, alarm = self.video.times.seconds, self._settings.alarm
@@ -491,8 +491,8 @@ class _Run:
             "stimulus": self._stimulus,
             "wall_s": round(wall_s, 3),
             "frames_per_s": round(self.frames / wall_s, 1) if wall_s else None,
-            "summary": {name: asdict(each) for name, each in self._summaries.items()},
-            "alarms": {name: each.verdict.as_dict() for name, each in self._alarms.items()},
+            "summary": {name: asdict(summary) for name, summary in self._summaries.items()},
+            "alarms": {name: alarm.verdict.as_dict() for name, alarm in self._alarms.items()},
         }
 
 

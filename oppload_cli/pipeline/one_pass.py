@@ -234,10 +234,10 @@ class DetectorPass:
             flow = prepared.flow and prepared.flow.scaled(scale)
             detections = places.step(units, flow, taken_s)
             if shift_s:
-                detections = tuple(each.after(-shift_s) for each in detections)
+                detections = tuple(detection.after(-shift_s) for detection in detections)
         if not self._optics:
             return detections
-        return tuple(each.seen_through(self._optics) for each in detections)
+        return tuple(detection.seen_through(self._optics) for detection in detections)
 
 
 def _is_of(size: WorkingSize, height: int) -> bool:

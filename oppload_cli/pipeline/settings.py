@@ -175,7 +175,7 @@ class Settings:
 def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
     """Return the meaning and the class of each parameter set, by its name in settings."""
     return {
-        **{name: (each.meaning, each.parameters) for name, each in detectors().items()},
+        **{name: (detector.meaning, detector.parameters) for name, detector in detectors().items()},
         "alarm": ("the alarm of each model", type(alarm_params())),
         "places": (
             "looming objects: their number, their places and their times to contact",

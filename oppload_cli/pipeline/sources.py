@@ -345,7 +345,7 @@ def _is_stimulus(name: str) -> bool:
     if not name or is_there(name):
         return False
     known = (entry.name for entry in stimulus.entries())
-    if any(name == each or name.startswith(f"{each}/") for each in known):
+    if any(name == entry_name or name.startswith(f"{entry_name}/") for entry_name in known):
         return True
     from oppload_cli.stimulus.catalogue import meant_by  # noqa: PLC0415 - loaded by now
 
