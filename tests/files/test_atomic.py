@@ -33,7 +33,7 @@ def test_a_claimed_file_exists_only_after_its_commit(tmp_path: Path, *, committe
         file.stream.write("a\n")
         if committed:
             file.commit()
-    assert [each.name for each in tmp_path.rglob("*")] == ["new", "a.csv"] * committed
+    assert [path.name for path in tmp_path.rglob("*")] == ["new", "a.csv"] * committed
     if committed:
         assert path.read_bytes() == b"a\n"
         with pytest.raises(OutputError, match="exists already"), claimed(path, "error"):

@@ -50,18 +50,18 @@ def rows_of(shared: Path, size: str, name: str) -> list[dict[str, float]]:
 
 def answers(name: str, frames: list[Grey], size: str, params: dict[str, Any]) -> list[Any]:
     kind, step = detector_named(name), STEPS[size]
-    small = [np.ascontiguousarray(each[::step, ::step]) for each in frames]
+    small = [np.ascontiguousarray(frame[::step, ::step]) for frame in frames]
     model = kind(small[0].shape, kind.parameters(**params), frame_rate=30)
-    return [model.step(each.astype(np.float32) / np.float32(255)) for each in small]
+    return [model.step(frame.astype(np.float32) / np.float32(255)) for frame in small]
 
 
 @pytest.mark.parametrize(
     "series",
     [
-        pytest.param(each, marks=[pytest.mark.slow] if each[0] == "native" else [])
-        for each in SERIES
+        pytest.param(series, marks=[pytest.mark.slow] if series[0] == "native" else [])
+        for series in SERIES
     ],
-    ids=lambda each: f"{each[3] or each[1]}-{each[0]}",
+    ids=lambda series: f"{series[3] or series[1]}-{series[0]}",
 )
 def test_every_column_is_the_authors(
     shared: Path, ball: list[Grey], series: tuple[str, str, dict[str, Any], str]
@@ -83,12 +83,12 @@ def test_plgmd_scatters_about_the_authors_means(shared: Path, ball: list[Grey], 
     runs = 20
     found = answers("plgmd", ball, "q4", {"p": float(p), "runs": runs})
     off = []
-    for row, each in zip(rows, found, strict=True):
+    for row, answer in zip(rows, found, strict=True):
         sd = row[f"sumg_sd_p{p}"]
         allowed = 4 * sd * (1 / 20 + 1 / runs) ** 0.5
-        assert abs(each.sumg_mean - row[f"sumg_mean_p{p}"]) <= allowed
+        assert abs(answer.sumg_mean - row[f"sumg_mean_p{p}"]) <= allowed
         if sd:
-            off.append((each.sumg_mean - row[f"sumg_mean_p{p}"]) / allowed * 4)
+            off.append((answer.sumg_mean - row[f"sumg_mean_p{p}"]) / allowed * 4)
     assert len(off) > 50
     assert abs(np.mean(off)) < 4 / len(off) ** 0.5  # the frames scatter independently
 
