@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 # Tests in which the size does not matter are quick at a small one.
 SMALL = evaluated_detectors(["opplod_reference"], height="60")
+NOWHERE = [None] * 4  # a box
 
 
 def test_the_times_of_a_clip_in_slow_motion_are_those_of_its_camera(tmp_path: Path) -> None:
@@ -61,19 +62,24 @@ def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
     ):
         records = list(analyse(path, [params], rmo=None))
         found, said = clip.outputs[name], [record[name] for record in records]
-        responses = [np.nan if one.response is None else one.response for one in said]
-        assert np.array_equal(found.response, responses, equal_nan=True)
+        expected: dict[str, list[Any]] = {"response": [one.response for one in said]}
         if name == "opplod_paper":
             assert found.alarm is None
         else:
-            assert found.alarm is not None
-            assert found.alarm.tolist() == [one.alarm for one in said]
-        last = said[-1].answer
-        if last and last.box and found.winner is not None:
-            box = last.box
-            assert found.winner[-1].tolist() == [box.x, box.y, box.width, box.height]
+            expected["alarm"] = [one.alarm for one in said]
+        if name == "dlgmd":
+            assert (found.winner, found.box, found.contact_s) == (None, None, None)
         else:
-            assert found.winner is None
+            winners = [one.answer and one.answer.box for one in said]
+            expected |= {
+                "evidence": [one.evidence for one in said],
+                "winner": [box or NOWHERE for box in winners],
+                "box": [one.box or NOWHERE for one in said],
+                "contact_s": [one.contact_s for one in said],
+            }
+        for field, values in expected.items():
+            np.testing.assert_array_equal(getattr(found, field), np.array(values, float), field)
+            assert np.isfinite(getattr(found, field)).any(), field
     changes = [record.luma_change for record in records]
     assert np.array_equal(
         clip.outputs["frame_difference"].response[1:], np.array(changes[1:], float), equal_nan=True

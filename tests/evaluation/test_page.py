@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli import OpplodParams
+from oppload_cli import OpplodReferenceParams
 from oppload_cli.detection.alarm import alarm_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector
 from oppload_cli.evaluation.engine import Evaluation
@@ -25,7 +25,7 @@ from tests.evaluation.make import NAME, clip, peaks
 if TYPE_CHECKING:
     from oppload_cli.evaluation.metrics.clips import Clip
 
-OPPLOD = "opplod:reference"
+OPPLOD = "opplod_reference"
 WIDTH, HEIGHT = 300, 56  # of the strips
 
 
@@ -53,7 +53,9 @@ def evaluation() -> Evaluation:
     found = measured(CLIPS, OPPLOD, draws_of([clip.label.looming for clip in CLIPS], 100))
     entries = [ClipEntry(at, Path(clip.label.name), clip.label) for at, clip in enumerate(CLIPS, 2)]
     manifest = Manifest(Path("clips.csv"), entries, ["row 9: <gone>"], 6)
-    detector = EvaluatedDetector(OPPLOD, "made by hand", 240, OpplodParams(), alarm_params())
+    detector = EvaluatedDetector(
+        OPPLOD, "made by hand", 240, OpplodReferenceParams(), alarm_params()
+    )
     return Evaluation(
         manifest,
         [detector],
@@ -158,7 +160,10 @@ def test_the_page_compares_each_pair_of_detectors() -> None:
     entries = [ClipEntry(at, Path(f"{at}.avi"), clip.label) for at, clip in enumerate(clips, 2)]
     evaluation = Evaluation(
         Manifest(Path("clips.csv"), entries, [], 8),
-        [EvaluatedDetector(name, "", 240, OpplodParams(), alarm_params()) for name in peaks_of],
+        [
+            EvaluatedDetector(name, "", 240, OpplodReferenceParams(), alarm_params())
+            for name in peaks_of
+        ],
         entries,
         clips,
         {name: measured(clips, name, draws) for name in peaks_of},

@@ -44,7 +44,7 @@ def test_detection_over_false_alarms() -> None:
 
 
 def test_detectors_differ_also_where_they_coincide_and_without_colours() -> None:
-    both = {"opplod:reference": MEASURED[NAME], "dlgmd": MEASURED[NAME]}
+    both = {"opplod_reference": MEASURED[NAME], "dlgmd": MEASURED[NAME]}
     first, second = figure_of("roc.png", both).axes[0].get_lines()[1:]
     assert first.get_linewidth() > second.get_linewidth() >= 1
     assert first.get_linestyle() != second.get_linestyle()

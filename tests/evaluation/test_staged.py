@@ -387,7 +387,7 @@ def test_boxes_without_an_area_do_not_overlap() -> None:
 @pytest.mark.slow
 def test_one_command_draws_labels_and_measures(tmp_path: Path) -> None:
     changes = [f"--change={key}={value}" for key, value in SMALL.items()]
-    wanted = [HIT, MISS, *changes, "-j", "1", "--draws", "100", "--model", "opplod:default"]
+    wanted = [HIT, MISS, *changes, "-j", "1", "--draws", "100", "--model", "opplod"]
     done = oppload("evaluate", *wanted, "-o", tmp_path / "out")
     assert done.returncode == 0
     assert "approaches: 1, clips without one: 1, " in done.stderr
@@ -400,7 +400,7 @@ def test_one_command_draws_labels_and_measures(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_lossless_video_of_a_stimulus_gives_what_the_stimulus_gives(tmp_path: Path) -> None:
     changes = [f"--change={key}={value}" for key, value in SMALL.items()]
-    wanted = ["-j", "1", "--draws", "100", "--model", "opplod:default"]
+    wanted = ["-j", "1", "--draws", "100", "--model", "opplod"]
     assert oppload("evaluate", HIT, MISS, *changes, *wanted, "-o", tmp_path / "out").returncode == 0
     for name in (HIT, MISS):
         stimulus.write(stimulus.load(name, SMALL), tmp_path)

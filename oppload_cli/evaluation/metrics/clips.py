@@ -75,8 +75,7 @@ class Output:
     # (n,): the number that the alarm compares with its threshold: the response, or shortly before
     # contact a multiple of the response.
     evidence: Numbers
-    # (n,): whether the detector's own alarm is on; None if it has no alarm, as `opplod_paper`
-    # without an alarm.
+    # (n,): whether the detector's own alarm is on; None if it has no alarm, as `opplod_paper`.
     alarm: Flags | None
     # (n, 4): left, top, width and height of the winning unit's receptive field in source pixels;
     # NaN in frames without a winning unit; None for a detector without units.
