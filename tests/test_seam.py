@@ -382,7 +382,7 @@ def test_one_model_is_described_and_measured() -> None:
     assert "source: Somebody, 2021\n" in text
     assert "responds to: darkening\n" in text
     assert "made for: tests\n" in text
-    assert "cost: about 0.5 ms per frame of 427 x 240 on one core\n" in text
+    assert "cost: about 0.5 ms per frame of its working size on one core\n" in text
     assert "opplod" not in text
     assert "working height: 240 px\n" in text
     name, cost, unit = oppload("models", "toy", "--measure").stdout.split(maxsplit=2)

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.detector import Detector
     from oppload_cli.schema import Parameters
 
-# To measure costs: height and width in px; measured frames, frames before these, and rounds.
-_MEASURED_SIZE = 240, 427
+# To measure costs: measured frames, frames before these, and rounds.
 _MEASURED_FRAMES, _FIRST_FRAMES, _ROUNDS = 24, 8, 3
 # Attributes of a detector that `--json` prints.
 _FACTS = (
@@ -98,12 +97,13 @@ def _describe(name: str) -> None:
 def _measured_cost(detector: type[Detector]) -> float:
     """Return the processor time of a detector's step, in ms: the least median of three rounds.
 
-    The input is faint texture that moves, 427 x 240 px. The detector runs on one core.
+    The input is faint texture that moves, 16:9 at the height of the detector. It runs on one core.
     """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        texture = cv2.GaussianBlur(np.random.default_rng(1).random(_MEASURED_SIZE), (0, 0), 2)
+        size = detector.height, round(detector.height * 16 / 9)
+        texture = cv2.GaussianBlur(np.random.default_rng(1).random(size), (0, 0), 2)
         texture = 0.4 + 0.2 * (texture - texture.min()) / np.ptp(texture)
         least = min(_median_cost(detector, texture) for _ in range(_ROUNDS))
     finally:
@@ -112,7 +112,7 @@ def _measured_cost(detector: type[Detector]) -> float:
 
 
 def _median_cost(detector: type[Detector], texture: NDArray[np.float64]) -> float:
-    model, spent = detector(_MEASURED_SIZE, frame_rate=30), []
+    model, spent = detector(texture.shape, frame_rate=30), []
     for t in range(_FIRST_FRAMES + _MEASURED_FRAMES):
         frame = np.roll(texture, (t, 2 * t), (0, 1)).astype(np.float32)
         started = time.process_time()
@@ -139,7 +139,7 @@ def _facts(detector: type[Detector]) -> Iterator[str]:
     if detector.places:
         yield "places: a box for each looming object"
     if detector.cost_ms:
-        yield f"cost: about {detector.cost_ms:g} ms per frame of 427 x 240 on one core"
+        yield f"cost: about {detector.cost_ms:g} ms per frame of its working size on one core"
 
 
 def _lines(params: type[Parameters]) -> Iterator[str]:

@@ -176,7 +176,7 @@ class BatterySummary(NamedTuple):
     controls: int
     largest_control_over_loom: float
     largest_control: str  # kind of motion of the control with the largest response
-    cost_ms: float | None  # declared time for a frame of 427 x 240 on one core
+    cost_ms: float | None  # declared time for a frame of its working size on one core
 
 
 class BatteryResponses:

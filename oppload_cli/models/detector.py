@@ -242,7 +242,7 @@ class Detector(ABC):
     made_for : str
         The working size and the frame rate for which its authors designed it.
     cost_ms : float or None
-        Milliseconds per frame of 427 x 240 on one core, measured by ``oppload models --measure``.
+        Milliseconds per frame of its height on one core, by ``oppload models --measure``.
     least_size : tuple of int
         The least height and width of the frames, in px.
     warm_up : int

@@ -275,7 +275,7 @@ class OpplodLplc2(CellDetector):
     reference = "oppload 2026, fitted to Klapoetke et al., Nature 2017"
     answers_to = "outward motion from a centre, as LPLC2 neurons of the fruit fly do"
     made_for = "240 px high, 30 frames/s; other rates by its presentation times"
-    cost_ms = 3.5
+    cost_ms = 8.4
     meaning = "for neuroscience: tuned like LPLC2 neurons, with a calcium signal"
     response_column = "", "response of the winning unit; empty during warm-up"
     responses = OpplodLplc2Response

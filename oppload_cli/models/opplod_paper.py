@@ -220,7 +220,7 @@ class OpplodPaper(Detector):
     reference = "Shuang et al., OppLoD, arXiv:2302.10284"
     answers_to = "opposite motion in a zone, outward or inward, exactly about its middle"
     made_for = "600 px high, 30 frames/s"
-    cost_ms = 13.0
+    cost_ms = 6.3
     meaning = "the paper's OppLoD to the letter: 25 units of 200 x 200 px, pixel by pixel"
     response_column = "", "sum of S_E over all zones; empty during warm-up"
     responses = OpplodPaperResponse
