@@ -162,3 +162,30 @@ def test_a_cut_clip_is_used_and_reported(tmp_path: Path) -> None:
         f"cut.mkv: the box of frame {frame} is beyond its last frame, {last}; correct it"
         for frame in range(last + 1, 60)
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "field"),
+    [
+        ("frame_difference", {"alarm.factor": 1, "alarm.frame_difference_floor": 0.01}, "alarm"),
+        ("frame_difference", {"repeats.handling": "keep"}, "response"),
+        ("opplod_reference", {"time.interval": "frame"}, "response"),
+    ],
+)
+def test_the_settings_of_the_detectors_hold_for_their_run(
+    tmp_path: Path, name: str, changes: dict[str, object], field: str
+) -> None:
+    """Moving pictures at 40 frames/s that are each shown twice."""
+    frames = [frame for frame in grey_frames(40) for _ in range(2)]
+    path = write_video(tmp_path / "twice.mkv", frames, rate=80)
+    found = []
+    for chosen in (SMALL, evaluated_detectors(assignments=changes, height="60")):
+        (analysed,) = analyse_clips([ClipEntry(2, path, Label("twice.mkv"))], chosen)
+        assert analysed.clip is not None
+        found.append(getattr(analysed.clip.outputs[name], field))
+        (one,) = (detector for detector in chosen if detector.name == name)
+    own: Any = {"alarm": one.alarm, "repeats": one.repeats, "time": one.time}
+    records = analyse(path, [one.params], height=60, rmo=None, **own)
+    expected = np.array([getattr(record[name], field) for record in records], float)
+    np.testing.assert_array_equal(found[1], expected)
+    assert (np.nan_to_num(found[0]) != np.nan_to_num(found[1])).any()
