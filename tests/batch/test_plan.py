@@ -39,7 +39,7 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def names(*named: str, recursive: bool = False) -> list[str]:
     plan = planned(named, recursive=recursive)
     assert not plan.failures
-    return [planned.name.replace(os.sep, "/") for planned in plan.inputs]
+    return [source.name.replace(os.sep, "/") for source in plan.inputs]
 
 
 @pytest.mark.usefixtures("tree")
@@ -68,7 +68,7 @@ def test_links_are_inputs_of_their_own_if_their_results_are(tree: Path) -> None:
 @pytest.mark.usefixtures("tree")
 def test_results_keep_the_folders_of_their_inputs() -> None:
     plan = planned(["."], recursive=True)
-    stems = {Path(planned.name): Path(planned.stem) for planned in plan.inputs}
+    stems = {Path(source.name): Path(source.stem) for source in plan.inputs}
     assert stems[Path("a/deep/x.avi")] == Path("a/deep/x")
     assert stems[Path("a/x.avi")] == Path("a/x")
     assert stems[Path("images")] == Path("images")
@@ -80,7 +80,7 @@ def test_results_keep_the_folders_of_their_inputs() -> None:
 @pytest.mark.usefixtures("tree")
 def test_inputs_whose_results_would_have_one_name_are_refused_but_the_first() -> None:
     plan = planned(["a/x.avi", "b.mp4", "a/deep/x.avi"])
-    assert [(planned.name, planned.stem) for planned in plan.inputs] == [
+    assert [(source.name, source.stem) for source in plan.inputs] == [
         ("a/deep/x.avi", "x"),
         ("b.mp4", "b"),
     ]
@@ -97,7 +97,7 @@ def test_inputs_whose_results_would_have_one_name_are_refused_but_the_first() ->
 @pytest.mark.usefixtures("tree")
 def test_a_name_that_matches_nothing_fails_and_does_not_hide_the_others() -> None:
     plan = planned(["*.mkv", "empty", "b.mp4", "*.mkv"], recursive=True)
-    assert [planned.name for planned in plan.inputs] == ["b.mp4"]
+    assert [source.name for source in plan.inputs] == ["b.mp4"]
     assert [(failure.name, failure.code) for failure in plan.failures] == [
         ("*.mkv", 3),
         ("empty", 3),
@@ -109,7 +109,7 @@ def test_a_name_that_matches_nothing_fails_and_does_not_hide_the_others() -> Non
 def test_images_that_are_named_one_by_one_fail_once(tree: Path) -> None:
     (tree / "c.png").touch()
     plan = planned(["images/*.png", "images/f_1.png", "plots/curve.png", "b.mp4", "c.png"])
-    assert [planned.name for planned in plan.inputs] == ["b.mp4", "c.png", "plots/curve.png"]
+    assert [source.name for source in plan.inputs] == ["b.mp4", "c.png", "plots/curve.png"]
     message = (
         "images: 2 of its images are given one by one, and a single image shows no motion; give "
         "the folder, or a pattern such as frame_%03d.png"
@@ -138,8 +138,8 @@ def test_a_name_with_brackets_is_itself_first(tree: Path) -> None:
 def test_shards_are_the_plan_and_never_overlap(of: int) -> None:
     plan = planned([*(f"clip{n}.mp4" for n in range(30)), "none*.mp4"])
     shards = [plan.shard(number, of) for number in range(1, of + 1)]
-    together = [planned for shard in shards for planned in shard.inputs]
-    assert sorted(together, key=lambda planned: planned.name) == plan.inputs
+    together = [source for shard in shards for source in shard.inputs]
+    assert sorted(together, key=lambda source: source.name) == plan.inputs
     assert max(map(len, shards)) <= 30 // of + 2
     assert [failure.name for shard in shards for failure in shard.failures] == ["none*.mp4"]
 
@@ -332,5 +332,5 @@ def test_ten_thousand_inputs(tmp_path: Path) -> None:
         for clip in range(100):
             (tmp_path / f"{number:03d}" / f"{clip:02d}-{number}.mp4").touch()
     plan = planned([str(tmp_path)], recursive=True)
-    assert len(plan.inputs) == len({planned.stem for planned in plan.inputs}) == 10_000
+    assert len(plan.inputs) == len({source.stem for source in plan.inputs}) == 10_000
     assert plan.inputs[0].stem == "000/00-0"
