@@ -23,6 +23,7 @@ from oppload_cli.frame_times import seconds_of, ticks
 from oppload_cli.processes import cores
 from oppload_cli.video.arrivals import Arrivals
 from oppload_cli.video.declared import (
+    declared_bits,
     declared_end,
     declared_frames,
     declared_rate,
@@ -132,6 +133,7 @@ class ContainerSource(PictureSource):
             self._codec = codec.codec.canonical_name
             self._is_small = codec.width * codec.height <= _SMALL_PIXELS
             small_hevc = self._codec == "hevc" and self._is_small
+            self._bits = declared_bits(name, self._container, self._stream) or 16
             careful_codecs = _SILENT_CODECS | _INDEPENDENT_SLICES
             # Careful decoding uses no frame threads; an input without a second pass needs it.
             self._careful = self._read_once or small_hevc or self._codec in careful_codecs
@@ -346,7 +348,7 @@ class ContainerSource(PictureSource):
             for frame in frames or ():
                 luma = self._attempt(partial(_checked_luma, frame))
                 if luma is not None:
-                    yield frame, *luma
+                    yield frame, luma[0], min(luma[1], self._bits)
 
     def _attempt(self, decode: Callable[[], Value]) -> Value | None:
         """Return the result of a decoding step; if it fails, count a failure and return None."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+import struct
 from contextlib import suppress
 from fractions import Fraction
 from itertools import islice, pairwise
+from pathlib import Path
 from statistics import median_low
 from typing import TYPE_CHECKING, Any
 
@@ -116,6 +118,22 @@ def declared_end(container: InputContainer, stream: VideoStream) -> float | None
         return None
     if len(container.streams) == 1 and container.duration is not None:
         return container.duration / av.time_base
+    return None
+
+
+def declared_bits(name: str, container: InputContainer, stream: VideoStream) -> int | None:
+    """Return how many of their 16 bits the samples of a ``.cine`` file use; None if it has others.
+
+    FFmpeg widens samples whose bits the setup of the Phantom camera states. Files without them may
+    state the number of grey levels in the head of the pictures (``biClrUsed``, ``biClrImportant``).
+    """
+    if container.format.name != "cine" or stream.codec_context.bits_per_coded_sample:
+        return None
+    with suppress(OSError), Path(name).open("rb") as file:
+        file.seek(24)  # where the offset of this head stands
+        file.seek(struct.unpack("<I", file.read(4))[0] + 32)
+        bits = max(struct.unpack("<II", file.read(8))).bit_length() - 1
+        return bits if 8 < bits < 16 else None
     return None
 
 

@@ -126,6 +126,8 @@ def _grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:
 def _view(frame: VideoFrame, bits: int, *, big_endian: bool) -> NDArray[Any]:
     plane = frame.planes[0]
     kind = np.dtype(np.uint8) if bits == 8 else np.dtype(">u2" if big_endian else "<u2")
-    rows = np.frombuffer(memoryview(plane), kind).reshape(-1, plane.line_size // kind.itemsize)
-    view: NDArray[Any] = rows[: frame.height, : frame.width]
+    # A picture that is stored from its lowest row has a negative line size.
+    samples = abs(plane.line_size) // kind.itemsize
+    rows = np.frombuffer(memoryview(plane), kind).reshape(-1, samples)[: frame.height]
+    view: NDArray[Any] = rows[:: -1 if plane.line_size < 0 else 1, : frame.width]
     return view.astype(np.uint16) if big_endian and bits > 8 else view
