@@ -16,7 +16,7 @@ from oppload_cli.schema import parsed_fraction
 from oppload_cli.video.frames import AUTO, parse_height, pixels_of
 from oppload_cli.video.inputs import HIGHEST_RATE
 from oppload_cli.video.opening import Opening, is_video_file
-from oppload_cli.video.span import Position, Span, parse_position
+from oppload_cli.video.span import Position, Reading, Span, parse_position
 
 
 @click.command()
@@ -56,6 +56,11 @@ from oppload_cli.video.span import Position, Span, parse_position
     help="Frames/s that the camera took, of videos in slow motion.  [default: those of the file]",
 )
 @click.option(
+    "--stream",
+    type=click.IntRange(1),
+    help="Number of the video stream in a file of several.  [default: the one that programs show]",
+)
+@click.option(
     "--annotate", is_flag=True, help="Write NAME.annotated.mp4 too: boxes, responses and alarms."
 )
 @click.option(
@@ -91,6 +96,7 @@ def run(
     duration: str | None,
     image_rate: str | None,
     true_rate: str | None,
+    stream: int | None,
     **others: Any,
 ) -> int:
     """Run looming detectors, by default OppLoD and D-LGMD, on videos, frame by frame.
@@ -106,22 +112,21 @@ def run(
     if not inputs and not own.files_from:
         raise click.UsageError("Missing argument 'INPUT...'; or give --files-from LIST")
     span = _span(start, end, duration)
-    of_images, of_camera = _rate("--image-rate", image_rate), _rate("--true-rate", true_rate)
+    rates = _rate("--image-rate", image_rate), _rate("--true-rate", true_rate)
+    reading = Reading(*rates, stream)
     opening = None
     with ExitStack() as stack:
         if len(inputs) == 1 and not (own.annotate or own.for_many or own.dry_run):
-            opening = _begun(inputs[0], span, of_camera, others)
+            opening = _begun(inputs[0], span, reading, others)
             if opening is not None:
                 stack.callback(opening.close)
         # Imported now, so that another process decodes the video while the detectors are loaded.
         from oppload_cli.cli.running import run_inputs
 
-        return run_inputs(inputs, own, others, span, (of_images, of_camera), opening)
+        return run_inputs(inputs, own, others, span, reading, opening)
 
 
-def _begun(
-    name: str, span: Span, true_rate: Fraction | None, settings: dict[str, Any]
-) -> Opening | None:
+def _begun(name: str, span: Span, reading: Reading, settings: dict[str, Any]) -> Opening | None:
     """Begin to decode a single video file.
 
     Return None for other inputs, and for a wrong setting, which `resolve` refuses later.
@@ -135,7 +140,7 @@ def _begun(
         pixels = pixels_of(parse_height(settings["height"] or content.get("height", AUTO)))
     except (OSError, ValueError, TypeError, ParameterError, RecursionError):
         return None
-    return Opening(name, height=pixels, span=span, true_rate=true_rate, own_process=True)
+    return Opening(name, height=pixels, span=span, reading=reading, own_process=True)
 
 
 def _span(start: str | None, end: str | None, duration: str | None) -> Span:

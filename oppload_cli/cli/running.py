@@ -65,11 +65,10 @@ else:
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from fractions import Fraction
 
     from oppload_cli.batch.plan import Plan
     from oppload_cli.video.opening import Opening
-    from oppload_cli.video.span import Span
+    from oppload_cli.video.span import Reading, Span
 
 
 _STANDARD_OUTPUT = "-"
@@ -81,7 +80,7 @@ def run_inputs(
     options: RunOptions,
     chosen: dict[str, Any],
     span: Span,
-    rates: tuple[Fraction | None, Fraction | None],
+    reading: Reading,
     opening: Opening | None,
 ) -> int:
     """Run the detectors on inputs; return the exit code.
@@ -96,9 +95,8 @@ def run_inputs(
         The settings, as for :func:`oppload_cli.pipeline.settings.resolve`.
     span : Span
         The part of each input.
-    rates : tuple of Fraction or None
-        Frames per second of images, and those that the camera of a slow-motion video took, if the
-        user states them.
+    reading : Reading
+        What the user states about the inputs.
     opening : Opening or None
         The opening of a single input whose decoding has begun.
     """
@@ -109,7 +107,7 @@ def run_inputs(
     for note in () if options.quiet else _notes(settings):
         say(f"oppload: {note}")
     if_exists, command = IfExists(options.if_exists), ["oppload", *sys.argv[1:]]
-    task = Task("", settings, None, span, *rates, if_exists, command, boxes=options.boxes)
+    task = Task("", settings, None, span, reading, if_exists, command, boxes=options.boxes)
     if str(options.output) == _STANDARD_OUTPUT:
         return _run_one(replace(task, name=_streamed_input(inputs, options)), options, opening)
     plan = _plan_of(inputs, options)

@@ -88,8 +88,7 @@ def run_task(
         height=task.settings.pixels,
         others=task.settings.other_heights,
         span=task.span,
-        image_rate=task.image_rate,
-        true_rate=task.true_rate,
+        reading=task.reading,
         threads=task.threads,
         colour=task.outputs is not None and task.outputs.annotated is not None,
     )
@@ -339,7 +338,7 @@ class _Run:
                 f"{facts.frame_rate} frames/s are assumed, as {verb} no times; {option} states "
                 "another rate"
             )
-        elif self._task.image_rate and not images:
+        elif self._task.reading.image_rate and not images:
             yield (
                 "has times or a rate of its own: --image-rate has no effect on it; for slow motion "
                 "give --true-rate"
@@ -376,8 +375,9 @@ class _Run:
             )
         if facts.video_streams > 1:
             remarks.append(
-                f"holds {facts.video_streams} video streams, of which the first is analysed; copy "
-                "another one into a file of its own to analyse it"
+                f"stream {facts.video_stream} of {facts.video_streams} video streams, "
+                f"{facts.width} x {facts.height}, is analysed; --stream (in Python stream) chooses "
+                "another"
             )
         if self._stimulus and "error" in self._stimulus:
             remarks.append(f"its ground truth is left out ({self._stimulus['error']})")

@@ -27,11 +27,10 @@ from oppload_cli.results.table import (
     write_sidecar,
 )
 from oppload_cli.video.inputs import ANNOTATED, bytes_of, is_camera_or_stream
-from oppload_cli.video.span import Span
+from oppload_cli.video.span import Reading, Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from fractions import Fraction
 
     from oppload_cli.annotation.video import AnnotatedVideo
     from oppload_cli.pipeline.settings import Settings
@@ -154,8 +153,7 @@ class Task:
     settings: Settings
     outputs: Outputs | None = None  # None: the table goes to standard output
     span: Span = field(default_factory=Span)  # the part of the input
-    image_rate: Fraction | None = None  # frames/s of images; None: of the ground truth, or 30
-    true_rate: Fraction | None = None  # frames/s that the camera took; None: those of the file
+    reading: Reading = field(default_factory=Reading)  # what the user states about the input
     if_exists: IfExists = IfExists.ERROR
     command: Sequence[str] = ()  # the command line, for the sidecar
     threads: int = 0  # of the decoder, and of detectors on large frames; 0: automatic
@@ -182,7 +180,7 @@ class Task:
                 if group not in idle
             },
             "span": asdict(self.span),
-            "rates": [self.image_rate, self.true_rate],
+            "reading": self.reading,
             "loaded": sorted(file["sha256"] for file in loaded()) if own else [],
             "input": name if is_camera_or_stream(name) else PurePath(name).name,
             "bytes": bytes_of(self.name),

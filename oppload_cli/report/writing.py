@@ -10,7 +10,7 @@ import base64
 import hashlib
 import os
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, partial
@@ -43,7 +43,7 @@ from oppload_cli.results.table import PAGE
 from oppload_cli.version import __version__
 from oppload_cli.video.inputs import REPORTED
 from oppload_cli.video.source import source_of, stop
-from oppload_cli.video.span import Position, Span
+from oppload_cli.video.span import Position, Reading, Span
 from oppload_cli.video.writers import Colour, Recording, colour_size
 
 if TYPE_CHECKING:
@@ -384,7 +384,7 @@ def _copy_video(
     span = Span(Position(frame=int(frames[0])), Position(frame=int(frames[-1]) + 1))
     times_s, picture = np.full(len(frames), np.nan), b""
     progress = Seldom(tell)
-    source = Call(lambda: source_of(name, _image_rate(result))).result()
+    source = Call(lambda: source_of(name, _reading(result))).result()
     size = _even_size(source.facts, len(frames))
     file = PartFile(path)
     ahead: Prefetch[tuple[int, float, av.VideoFrame]] | None = None
@@ -433,11 +433,14 @@ def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:
     return max(2, width - width % 2), max(2, height - height % 2)
 
 
-def _image_rate(result: BaseResult) -> Fraction | None:
-    try:
-        return Fraction(result.part("input")["frame_rate"])
-    except (KeyError, TypeError, ValueError, ZeroDivisionError):
-        return None
+def _reading(result: BaseResult) -> Reading:
+    """Return the rate of the images, and the stream, that the result was made from."""
+    facts = result.part("input")
+    rate = None
+    with suppress(KeyError, TypeError, ValueError, ZeroDivisionError):
+        rate = Fraction(facts["frame_rate"])
+    many = facts.get("video_streams", 1) != 1
+    return Reading(rate, stream=facts.get("video_stream", 1) if many else None)
 
 
 def _jpeg(frame: av.VideoFrame) -> bytes:

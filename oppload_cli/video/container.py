@@ -109,11 +109,18 @@ class ContainerSource(PictureSource):
 
     If `threads` is 0, the codec, the size and the cores determine the number of decoder threads.
     With `true_rate`, the frames per second that the camera took, all times are scaled so that the
-    declared rate becomes this rate. Raises SourceError if the input cannot be opened, has no video
+    declared rate becomes this rate. `number` counts video streams from 1; None reads the one that
+    programs show. Raises SourceError if the input cannot be opened, has no video
     or declares too many pixels, if no frame can be decoded, or if it has no rate to be scaled.
     """
 
-    def __init__(self, name: str, threads: int = 0, true_rate: Fraction | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        threads: int = 0,
+        true_rate: Fraction | None = None,
+        number: int | None = None,
+    ) -> None:
         super().__init__()
         self.name = name
         self._errors = 0  # number of errors that decoders have logged in this process
@@ -128,7 +135,8 @@ class ContainerSource(PictureSource):
         self._threads = threads
         self._container = open_container(name, READ_TIMEOUT_S)
         try:
-            self._stream = video_stream(name, self._container)
+            self._stream = video_stream(name, self._container, number)
+            self._number = video_streams(self._container).index(self._stream) + 1
             codec = self._stream.codec_context
             self._codec = codec.codec.canonical_name
             self._is_small = codec.width * codec.height <= _SMALL_PIXELS
@@ -300,7 +308,7 @@ class ContainerSource(PictureSource):
 
     def _start_again(self) -> None:
         container = open_container(self.name, READ_TIMEOUT_S)
-        stream = video_stream(self.name, container)
+        stream = video_stream(self.name, container, self._number)
         self.decode.failures = self.decode.corrupt = self._not_coded = 0
         self.decode.messages.clear()
         self._careful = True
@@ -482,6 +490,7 @@ class ContainerSource(PictureSource):
             bytes=None if self._remote else self._container.size,
             rate_assumed=is_rate_assumed(stream) and not self._is_live,
             tick_s=stream.time_base,
+            video_stream=self._number,
             video_streams=len(video_streams(self._container)),
             real_time=self._is_live or is_real_time(self.name),
         )
@@ -502,7 +511,7 @@ class ContainerSource(PictureSource):
             return rate
         if self._read_once:
             return rate if rate < _FINE_TICKS else None
-        usual = usual_rate(self.name)
+        usual = usual_rate(self.name, self._number)
         return rate if usual is None or is_near(rate, usual) else None
 
     def _take_rate(self, true_rate: Fraction) -> None:
@@ -514,7 +523,7 @@ class ContainerSource(PictureSource):
         facts = self.facts
         if facts.real_time and not facts.rate_assumed:
             raise no_true_rate(facts.name, "it has the times of a camera")
-        usual = None if self._read_once else usual_rate(self.name)
+        usual = None if self._read_once else usual_rate(self.name, self._number)
         if usual and not (self._rate and is_near(self._rate, usual)):
             self._rate = usual
         if self._rate is None:

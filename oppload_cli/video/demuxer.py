@@ -11,6 +11,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import av
+from av.stream import Disposition
 
 from oppload_cli.errors import SourceError, cannot_read, reason_of
 from oppload_cli.files.reading import is_file
@@ -110,10 +111,13 @@ def _check_file(name: str) -> None:
             )
 
 
-def video_stream(name: str, container: InputContainer) -> VideoStream:
-    """Return the first video stream of an open container.
+def video_stream(name: str, container: InputContainer, number: int | None) -> VideoStream:
+    """Return the video stream `number` of an open container, counted from 1.
 
-    Raises SourceError if there is none, its codec is unknown, or it declares too many pixels.
+    If `number` is None, it is the one that programs show, as FFmpeg chooses it.
+    A stream of several frames comes before a still, such as a thumbnail or the first picture of an
+    animated AVIF; then one with the default flag, then the largest, then the first. Raises
+    SourceError if there is none, its codec is unknown, or it declares too many pixels.
     """
     if not is_address(name) and container.format.name in _PLAYLISTS:
         raise SourceError(f"{name}: only names other files; give those files instead")
@@ -122,12 +126,41 @@ def video_stream(name: str, container: InputContainer) -> VideoStream:
         raise SourceError(
             f"{name}: holds no video stream; give a file with pictures, or a complete copy of it"
         )
+    if number is not None and number > len(streams):
+        held = "1 video stream" if len(streams) == 1 else f"{len(streams)} video streams"
+        raise SourceError(f"{name}: holds {held}; there is no stream {number}")
+    chosen = _shown(name, streams) if number is None else streams[number - 1]
     # PyAV's type stubs promise a codec, but a stream with an unknown codec has none.
-    codec: Any = streams[0].codec_context
+    codec: Any = chosen.codec_context
     if codec is None:
         raise SourceError(f"{name}: FFmpeg does not know its codec; convert it, e.g. to H.264")
     check_pixels(name, codec.width, codec.height, stored_bits(codec.format))
-    return streams[0]
+    return chosen
+
+
+def _shown(name: str, streams: list[VideoStream]) -> VideoStream:
+    frames = [stream.frames for stream in streams]  # 0 if unknown
+    if len(streams) > 1 and 0 in frames and not is_read_once(name):
+        frames = _sampled_frames(name, streams)
+    ranks = [
+        (count != 1, Disposition.default in stream.disposition, _pixels(stream))
+        for stream, count in zip(streams, frames, strict=True)
+    ]
+    return streams[ranks.index(max(ranks))]
+
+
+def _sampled_frames(name: str, streams: list[VideoStream]) -> list[int]:
+    """Return how many of the first packets of a file belong to each of its streams."""
+    found = dict.fromkeys((stream.index for stream in streams), 0)
+    with open_container(name, 0) as container, suppress(av.error.FFmpegError, OSError, IndexError):
+        for packet in islice(container.demux(video_streams(container)), _SAMPLED_PACKETS):
+            found[packet.stream.index] += packet.size > 0
+    return list(found.values())
+
+
+def _pixels(stream: VideoStream) -> int:
+    codec: Any = stream.codec_context
+    return 0 if codec is None else codec.width * codec.height
 
 
 def stored_bits(pixel_format: VideoFormat | None) -> int:
@@ -144,13 +177,13 @@ def decoder_limit() -> str:
     return str(min(2 * max_pixels() + (1 << 16), (1 << 31) - 1))
 
 
-def usual_rate(name: str) -> Fraction | None:
-    """Return the usual number of frames per second of a file, by the times of its first packets.
+def usual_rate(name: str, number: int) -> Fraction | None:
+    """Return the usual number of frames per second of a stream, by the times of its first packets.
 
     None if they have no times. Source: :attr:`oppload_cli.frame_times.FrameTimes.rate`.
     """
     with open_container(name, 0) as container:
-        stream = video_stream(name, container)
+        stream = video_stream(name, container, number)
         given = []
         with suppress(av.error.FFmpegError, OSError, IndexError):  # of a damaged file the start
             for packet in islice(container.demux(stream), _SAMPLED_PACKETS):

@@ -140,7 +140,8 @@ class InputFacts:
     # The rate in the file, if the user states another one, at which the pictures were taken.
     rate_in_file: Fraction | None = None
     tick_s: Fraction | None = None  # length of a tick of the file's clock
-    video_streams: int = 1  # videos in a container, without cover pictures; the first one is read
+    video_stream: int = 1  # number of the one that is read, from 1
+    video_streams: int = 1  # how many there are in a container, without cover pictures
     # Whether pictures come at their own pace, so that a slow reader has to drop some of them; the
     # numbers of the frames show these gaps.
     real_time: bool = False

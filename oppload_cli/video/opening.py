@@ -29,14 +29,13 @@ from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
 from oppload_cli.processes.threads import Call
 from oppload_cli.video.frames import DecodeFacts, Picture, PictureSource, WorkingSize
 from oppload_cli.video.inputs import is_camera, is_image_file
-from oppload_cli.video.span import Span
+from oppload_cli.video.span import Reading, Span
 
 if sys.platform != "win32":
     import resource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from fractions import Fraction
     from multiprocessing.connection import Connection
 
     from oppload_cli.video.source import Video
@@ -48,6 +47,7 @@ _WIDEST_SAMPLE = 2  # bytes
 # ahead while the other process loads the detectors.
 MOST_SLOTS, _LEAST_SLOTS = 64, 3
 _SHARED_BYTES = 1 << 24  # most shared memory, unless `_LEAST_SLOTS` slots need more
+_AS_STATED = Reading()
 _PARTS = 8  # one message frees an eighth of the slots
 
 
@@ -66,8 +66,7 @@ class Opening:
         height: int | None,
         span: Span,
         others: Sequence[int] = (),
-        image_rate: Fraction | None = None,
-        true_rate: Fraction | None = None,
+        reading: Reading = _AS_STATED,
         threads: int = 0,
         colour: bool = False,
         own_process: bool = False,
@@ -81,13 +80,13 @@ class Opening:
             # `os` has no `memfd_create` with some C libraries, and limits of files, processes or
             # sizes may forbid a process or shared memory.
             with suppress(OSError, AttributeError):
-                self._process = _DecodingProcess(name, height, span, true_rate)
+                self._process = _DecodingProcess(name, height, span, reading)
         if self._process is None:
 
             def source() -> PictureSource:
                 from oppload_cli.video.source import source_of  # imports NumPy: not before a fork
 
-                return source_of(name, image_rate, true_rate, threads)
+                return source_of(name, reading, threads)
 
             self._call = Call(source)
 
@@ -137,9 +136,7 @@ class _DecodingProcess(PictureSource):
     process or memory.
     """
 
-    def __init__(
-        self, name: str, height: int | None, span: Span, true_rate: Fraction | None
-    ) -> None:
+    def __init__(self, name: str, height: int | None, span: Span, reading: Reading) -> None:
         super().__init__()
         self._slots: _Slots
         self._name, self._height = name, height
@@ -152,7 +149,7 @@ class _DecodingProcess(PictureSource):
             on_failure.callback(self._connection.close)
             # This process closes `theirs`, so that the pipe closes when the decoding process ends.
             with theirs:
-                order = (name, height, span, true_rate)
+                order = (name, height, span, reading)
                 arguments = (theirs, self._connection, self._memory, order)
                 self._process = context.Process(target=_decode, args=arguments, daemon=True)
                 self._process.start()
@@ -267,16 +264,13 @@ class _Slots:
 
 
 def _decode(
-    theirs: Connection,
-    ours: Connection,
-    memory: int,
-    order: tuple[str, int | None, Span, Fraction | None],
+    theirs: Connection, ours: Connection, memory: int, order: tuple[str, int | None, Span, Reading]
 ) -> None:
     """Decode and send all pictures, or an error; this function runs in the separate process.
 
-    `order` is the name of the file, the working height, the part of the file, and its true rate.
+    `order` is the name of the file, the working height, the part of it, and what the user states.
     """
-    name, height, span, true_rate = order
+    name, height, span, reading = order
     ours.close()  # so that the pipe closes when the process of the detectors ends
     # A terminal sends these signals to both processes; that of the detectors decides what to do.
     signals.ignore("SIGINT", "SIGHUP")
@@ -285,7 +279,7 @@ def _decode(
         from oppload_cli.video.container import ContainerSource
         from oppload_cli.video.planes import Resizing
 
-        source = ContainerSource(name, true_rate=true_rate)
+        source = ContainerSource(name, true_rate=reading.true_rate, number=reading.stream)
         source.decode.own_process = True
         working = WorkingSize.of(source.facts, height)
         theirs.send((source.facts, source.decode))

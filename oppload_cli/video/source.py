@@ -25,7 +25,7 @@ from oppload_cli.video.frames import (
 )
 from oppload_cli.video.inputs import NUMBER, checked_rate, is_camera, is_image_file
 from oppload_cli.video.luminance import Luminance
-from oppload_cli.video.span import Span
+from oppload_cli.video.span import Reading, Span
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -167,6 +167,7 @@ def open_video(
     span: Span | None = None,
     image_rate: float | Fraction | None = None,
     true_rate: float | Fraction | None = None,
+    stream: int | None = None,
     threads: int = 0,
     colour: bool = False,
 ) -> Video:
@@ -191,6 +192,9 @@ def open_video(
         Frames per second at which the camera took the frames, if a video plays in slow motion, or
         is a raw stream without a rate. All times are then scaled, so that the declared rate becomes
         this rate. Images take this rate too, unless `image_rate` is given.
+    stream : int, optional
+        The number of the video stream that is read, from 1, in a file of several; if left out, the
+        one that programs show: not a still, the default one, the largest.
     threads : int
         Number of decoder threads; 0 chooses a number by the codec, the size and the cores.
     colour : bool
@@ -203,7 +207,8 @@ def open_video(
         as a camera.
     ParameterError
         If the height is not a whole number of at least 1, the working size is too large, a rate is
-        not a number above 0 and at most 100000, or the number of threads is no whole number.
+        not a number above 0 and at most 100000, or the number of a stream or of threads is no
+        whole number.
 
     Examples
     --------
@@ -220,8 +225,10 @@ def open_video(
     if not is_integer(threads, 0):
         raise ParameterError(f"threads must be a whole number of at least 0, not {threads!r:.60}")
     rates = checked_rate(image_rate, "image_rate"), checked_rate(true_rate, "true_rate")
+    if stream is not None and not is_integer(stream, 1):
+        raise ParameterError(f"stream must be a whole number of at least 1, not {stream!r:.60}")
     # A thread opens the input, because Ctrl-C has no effect while a library call blocks.
-    source = Call(lambda: source_of(str(name), *rates, threads)).result()
+    source = Call(lambda: source_of(str(name), Reading(*rates, stream), threads)).result()
     return Video(source, height, span or Span(), others=others, colour=colour)
 
 
@@ -241,10 +248,9 @@ def _closed(source: PictureSource) -> SourceError:
     return SourceError(f"{source.facts.name}: was closed before its last frame; open it again")
 
 
-def source_of(
-    name: str, image_rate: Fraction | None, true_rate: Fraction | None = None, threads: int = 0
-) -> PictureSource:
+def source_of(name: str, reading: Reading, threads: int = 0) -> PictureSource:
     """Return the source of an input's pictures; arguments and errors as for :func:`open_video`."""
+    image_rate, true_rate, stream = reading
     device = _DEVICE.fullmatch(os.path.realpath(name)) if name.startswith("/dev/") else None
     if device:
         raise SourceError(f"{name}: is the device of a camera; write camera:{device[1]}")
@@ -252,6 +258,9 @@ def source_of(
     camera, path = is_camera(name), Path(name)
     pattern = NUMBER.search(path.name) and not is_there(name)
     if camera or pattern or is_folder(name):
+        if stream is not None:
+            kind = "a camera" if camera else "a sequence of images"
+            raise SourceError(f"{name}: is {kind}, which has no streams; leave --stream out")
         from oppload_cli.video.images import CameraSource, ImageSource
 
         if not camera:
@@ -266,4 +275,4 @@ def source_of(
         )
     from oppload_cli.video.container import ContainerSource
 
-    return ContainerSource(name, threads, true_rate)
+    return ContainerSource(name, threads, true_rate, stream)

@@ -1,4 +1,4 @@
-"""The part of an input that ``--start``, ``--end`` and ``--duration`` choose."""
+"""What of an input is read: the part that ``--start`` and ``--end`` choose, stream, and rate."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.frame_times import FrameTimes, ticks
@@ -14,10 +14,29 @@ from oppload_cli.schema import is_integer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from fractions import Fraction
 
     from oppload_cli.video.frames import Picture, PictureSource
 
 _CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
+
+
+class Reading(NamedTuple):
+    """What a user states about an input that its file does not say, or says otherwise.
+
+    Attributes
+    ----------
+    image_rate : Fraction or None
+        Frames per second of images; None for that of their ground truth, or 30.
+    true_rate : Fraction or None
+        Frames per second that the camera took; None for those of the file.
+    stream : int or None
+        The number of the video stream, from 1; None for the one that programs show.
+    """
+
+    image_rate: Fraction | None = None
+    true_rate: Fraction | None = None
+    stream: int | None = None
 
 
 @dataclass(frozen=True)

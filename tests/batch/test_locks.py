@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,6 @@ from oppload_cli.files.atomic import PartFile
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import IfExists, Outputs, Task
-from oppload_cli.video.span import Span
 from tests.media import grey_frames, write_video
 
 fcntl = pytest.importorskip("fcntl", reason="NOT TESTED: no such locks on this system")
@@ -76,8 +74,6 @@ def test_a_result_that_another_run_writes_or_has_just_written_is_skipped(tmp_pat
         str(clip),
         resolve(height="48", measure_rmo=False),
         Outputs(tmp_path / "a.frames.csv", tmp_path / "a.oppload.json"),
-        Span(),
-        Fraction(30),
         if_exists=IfExists.SKIP,
     )
     sidecar = tmp_path / "theirs" / "a.oppload.json"

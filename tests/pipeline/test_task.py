@@ -18,7 +18,7 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import IfExists, Outcome, Outputs, Task, Writing, exists_already
 from oppload_cli.results.alarm_log import verdicts_in
 from oppload_cli.results.table import DetectionsFile
-from oppload_cli.video.span import Span, parse_position
+from oppload_cli.video.span import Reading, Span, parse_position
 from tests.media import grey_frames, write_video
 
 PLACES = ["opplod", "dlgmd"]
@@ -205,7 +205,10 @@ def test_the_checksum_is_that_of_the_settings_and_of_the_input(
     (tmp_path / "a.avi").write_bytes(moved.read_bytes()[:-1])
     other += [replace(task, name=str(tmp_path / name)) for name in ("a.avi", "b.avi")]
     other += [replace(task, span=Span(parse_position("f3"), parse_position("0.1")))]
-    other += [replace(task, image_rate=Fraction(25)), replace(task, true_rate=Fraction(25))]
+    other += [
+        replace(task, reading=reading)
+        for reading in (Reading(Fraction(25)), Reading(None, Fraction(25)), Reading(stream=2))
+    ]
     checksums = [each.settings_sha256() for each in (task, *other)]
     # Files of detectors of one's own count if one of these runs.
     for content in ("0", "1"):

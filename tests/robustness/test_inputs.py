@@ -13,6 +13,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from av.stream import Disposition
 
 from oppload_cli.errors import SourceError
 from oppload_cli.video.source import open_video
@@ -127,24 +128,79 @@ def test_gaps_that_avi_fills_with_empty_chunks_are_not_missed(tmp_path: Path) ->
         assert video.decode.complete
 
 
-def test_the_first_of_several_video_streams_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "a.mkv"
+def write_streams(
+    path: Path, *streams: tuple[int, int], default: int | None = None, codec: str = "ffv1"
+) -> None:
+    """Write video streams of a height and a number of frames; those of stream k are k x 50 grey."""
     with av.open(str(path), "w") as container:
-        streams: list[Any] = [container.add_stream("ffv1", rate=30) for _ in range(2)]
-        for number, stream in enumerate(streams):
-            stream.width, stream.height, stream.pix_fmt = 96, 64 + 32 * number, "gray"
-        for index in range(5):
-            for number, stream in enumerate(streams):
-                image = np.full((64 + 32 * number, 96), 50 * number + index, np.uint8)
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
-        for stream in streams:
+        written: list[Any] = [container.add_stream(codec, rate=30) for _ in streams]
+        for stream, (height, _) in zip(written, streams, strict=True):
+            stream.width, stream.height, stream.pix_fmt = 96, height, "gray"
+            stream.disposition = Disposition.default if stream.index == default else 0
+        for index in range(max(count for _, count in streams)):
+            for stream, (height, count) in zip(written, streams, strict=True):
+                image = np.full((height, 96), 50 * (stream.index + 1), np.uint8)
+                frame = av.VideoFrame.from_ndarray(image, format="gray")
+                container.mux(stream.encode(frame) if index < count else [])
+        for stream in written:
             container.mux(stream.encode())
-    with open_video(path, height=None) as video:
-        assert video.facts.video_streams == 2
-        assert [round(float(f.luma.mean()) * 255) for f in video] == list(range(5))
+
+
+@pytest.mark.parametrize(
+    ("streams", "default", "read"),
+    [
+        ([(64, 5), (96, 5)], None, 2),  # the largest
+        ([(64, 5), (64, 5)], None, 1),  # the first
+        ([(64, 5), (96, 5)], 0, 1),  # the default one
+        ([(96, 1), (64, 5)], 0, 2),  # not a still, even if it is large and the default one
+    ],
+)
+def test_of_several_video_streams_the_one_that_programs_show_is_read(
+    streams: list[tuple[int, int]], default: int | None, read: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.mkv"
+    write_streams(path, *streams, default=default)
+    for number in (None, 1, 2):
+        with open_video(path, height=None, stream=number) as video:
+            facts, frames = video.facts, list(video)
+        expected = number or read
+        assert (facts.video_stream, facts.video_streams) == (expected, 2)
+        assert len(frames) == streams[expected - 1][1]
+        assert {round(float(frame.luma.mean()) * 255) for frame in frames} == {50 * expected}
         assert video.decode.complete
+
+
+def test_the_user_chooses_a_stream_and_the_results_say_which(tmp_path: Path) -> None:
+    path = tmp_path / "a.mkv"
+    write_streams(path, (64, 5), (96, 5))
     said = oppload("run", path, "-o", tmp_path).stderr
-    assert "a.mkv: holds 2 video streams, of which the first is analysed" in said
+    assert "a.mkv: stream 2 of 2 video streams, 96 x 96, is analysed; --stream (in" in said
+    first = ("run", path, "-o", tmp_path, "--stream", "1", "--if-exists")
+    assert "is a result with other settings" in oppload(*first, "skip").stderr
+    assert oppload(*first, "overwrite").returncode == 0
+    sidecar = json.loads((tmp_path / "a.oppload.json").read_text())
+    assert (sidecar["input"]["video_stream"], sidecar["input"]["height"]) == (1, 64)
+    for name, number, sentence in (
+        (path, "3", "a.mkv: holds 2 video streams; there is no stream 3"),
+        ("camera:0", "1", "camera:0: is a camera, which has no streams; leave --stream out"),
+    ):
+        refused = oppload("run", name, "-o", tmp_path / "other", "--stream", number)
+        assert refused.returncode == 3
+        assert sentence in refused.stderr
+
+
+def test_all_pictures_of_an_animated_avif_are_read(tmp_path: Path) -> None:
+    """Its first stream is a still, the first picture alone."""
+    path = tmp_path / "a.avif"
+    shown = grey_frames(12, 64, 64)
+    write_video(path, shown, codec="libsvtav1", pixel_format="yuv420p", options={"crf": "1"})
+    with open_video(path, height=None) as video:
+        frames = list(video)
+    assert (video.facts.video_stream, video.facts.video_streams) == (2, 2)
+    assert len(frames) == 12
+    for frame, grey in zip(frames, shown, strict=True):
+        assert np.abs(frame.luma - grey / 255).mean() < 0.02
+    assert video.decode.complete
 
 
 @pytest.mark.parametrize("bits", ["gray9le", "gray10le", "gray12le", "gray14le", "gray16le"])

@@ -24,7 +24,7 @@ from oppload_cli.errors import SourceError
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.video import opening
 from oppload_cli.video.opening import Opening
-from oppload_cli.video.span import Position, Span
+from oppload_cli.video.span import Position, Reading, Span
 from tests.cli.process import in_turn, python, start, wait_for_rows
 from tests.media import grey_frames, write_film, write_video
 from tests.robustness.inputs import KINDS, make
@@ -62,8 +62,7 @@ def begun(
         str(path),
         height=height,
         span=span or Span(),
-        image_rate=Fraction(30),
-        true_rate=true_rate,
+        reading=Reading(Fraction(30), true_rate),
         own_process=True,
     )
 
@@ -235,8 +234,9 @@ def test_it_ends_with_the_process_that_started_it(made: dict[str, Path]) -> None
     path = made["many.mp4"]
     code = (
         "import os, signal, sys; from fractions import Fraction\n"
-        "from oppload_cli.video.opening import Opening; from oppload_cli.video.span import Span\n"
-        "o = Opening(sys.argv[1], height=24, span=Span(), image_rate=Fraction(30),"
+        "from oppload_cli.video.opening import Opening\n"
+        "from oppload_cli.video.span import Reading, Span\n"
+        "o = Opening(sys.argv[1], height=24, span=Span(), reading=Reading(Fraction(30)),"
         " own_process=True)\n"
         "o.result()\n"
         "print(open(f'/proc/thread-self/children').read(), flush=True)\n"
