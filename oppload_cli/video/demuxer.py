@@ -30,7 +30,14 @@ _SAMPLED_PACKETS = 300  # from which the usual rate is taken
 _NEAR = 0.1  # largest relative difference between a declared rate and the usual one
 _CAMERA = re.compile(r"(camera)?[0-9]")  # as users of other programs may name one
 _LFS_POINTER = b"version https://git-lfs"  # such a file stands for one that was not fetched
-_ARRAYS = {".npy", ".npz", ".mat"}  # files of NumPy and MATLAB
+_MICROSCOPE = "is a file of a microscope; export its pictures as TIFF, for example with Fiji"
+# Formats that laboratories use and nothing here reads, with the way out.
+_UNREAD = {
+    ".mat": "holds arrays of MATLAB; save the pictures as .npy, or as HDF5 with h5create",
+    ".mraw": "is a raw video of Photron; export it as TIFF or as an uncompressed AVI",
+    ".sbfmf": "is a compressed movie of Ctrax; convert it to .ufmf with any2ufmf",
+    **dict.fromkeys((".czi", ".lif", ".nd2", ".oib"), _MICROSCOPE),
+}
 _RTP_ADVICE = (
     "try ffmpeg -protocol_whitelist file,rtp,udp -i FILE.sdp -c copy -f matroska - | "
     "oppload run /dev/stdin"
@@ -97,11 +104,8 @@ def _check_file(name: str) -> None:
         return
     if size == 0:
         raise SourceError(f"{name}: the file is empty; copy or record it again")
-    if path.suffix.lower() in _ARRAYS:
-        raise SourceError(
-            f"{name}: holds arrays, not a video; load its frames in Python, and give them to "
-            "oppload_cli.run(frames, rate=...)"
-        )
+    if path.suffix.lower() in _UNREAD:
+        raise SourceError(f"{name}: {_UNREAD[path.suffix.lower()]}")
     # If the file cannot be read, opening the video raises the error.
     with suppress(OSError), path.open("rb") as file:
         if file.read(len(_LFS_POINTER)) == _LFS_POINTER:

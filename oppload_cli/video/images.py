@@ -9,7 +9,7 @@ import statistics
 import time
 import warnings
 from collections import Counter
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -32,9 +32,11 @@ from oppload_cli.video.frames import (
     max_pixels,
 )
 from oppload_cli.video.inputs import bytes_of, image_paths, rate_beside
+from oppload_cli.video.laboratory import Stack
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from typing import Any
 
     from numpy.typing import NDArray
 
@@ -149,6 +151,41 @@ class ImageSource(PictureSource):
         return decoded
 
 
+def opened_stack(path: Path) -> Stack:
+    """Open an image file of several pictures, as TIFF, WebP and APNG may hold.
+
+    The pictures of WebP and APNG last as long as the file says; a TIFF has no times. Raises
+    SourceError if the file is not an image, or has one picture.
+    """
+    with ExitStack() as on_failure:
+        try:
+            image = on_failure.enter_context(_opened(path, several=True))
+        except SourceError as error:
+            raise SourceError(f"{path}: {error}; check or convert it") from error
+        count = getattr(image, "n_frames", 1)
+        if count == 1:
+            raise SourceError(
+                f"{path}: a single image shows no motion; give its folder, or a pattern such as "
+                f"frame_%03d{path.suffix}"
+            )
+        timed = image.format != "TIFF"
+        closing = on_failure.pop_all()
+
+    def pictures() -> Iterator[tuple[float | None, NDArray[Any]]]:
+        time_s = 0.0
+        for place in range(count):
+            try:
+                image.seek(place)
+                luma, colour = _decoded(image)
+            except Exception as error:  # damaged files raise errors of many kinds
+                raise ValueError(reason_of(error)) from error
+            grey = image.mode in {"1", "L", "P", *_DEEP_GREY}
+            yield (time_s if timed else None), luma if grey else colour[..., ::-1]
+            time_s += float(image.info.get("duration", 0)) / 1000
+
+    return Stack(pictures(), count, None, None, closing.close)
+
+
 def _several_series(paths: Sequence[Path]) -> str:
     """Return a sentence if images belong to series of different names, else an empty text."""
     numbered = [path for path in paths if _LAST_NUMBER.search(path.stem)]
@@ -205,21 +242,23 @@ def _opacity(image: Image.Image) -> NDArray[np.uint8] | None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Image.Image]:
+def _opened(path: Path, *, several: bool = False) -> Iterator[Image.Image]:
     """Open an image; raise SourceError if the file is not an image, or is damaged or too large.
 
     The checks of size come before Pillow decodes, so that neither a small file with a large image
-    nor a large file can fill the memory.
+    nor a large file can fill the memory; only a file of `several` pictures may be large.
     """
     most_pixels = max_pixels()  # outside `try`: a wrong setting is no fault of the file
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
             raise SourceError("not a regular file")
-        _check_bytes(path, status.st_size, most_pixels)
+        if not several:
+            _check_bytes(path, status.st_size, most_pixels)
         with _without_pillow_limits(), Image.open(path, formats=_FORMATS) as image:
             check_pixels(path.name, *image.size)
-            _check_bytes(path, status.st_size, image.width * image.height)
+            if not several:
+                _check_bytes(path, status.st_size, image.width * image.height)
             yield image
     except SourceError:
         raise

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import re
+from collections import Counter
 from contextlib import suppress
 from fractions import Fraction
 from numbers import Real
@@ -28,11 +29,17 @@ if TYPE_CHECKING:
 
 
 _VIDEO_SUFFIXES = {
-    *(".avi", ".flv", ".gif", ".h264", ".hevc", ".ivf", ".m2ts", ".m4v", ".mjpeg", ".mkv"),
+    *(".amv", ".avi", ".cine", ".flv", ".fmf", ".gif", ".seq", ".ufmf"),
+    *(".h264", ".hevc", ".ivf", ".m2ts", ".m4v", ".mjpeg", ".mkv"),
     *(".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf", ".nut", ".ogv", ".ts", ".webm"),
     *(".wmv", ".y4m"),
 }
-IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"}
+_ARRAYS = {".h5", ".hdf5", ".npz"}  # files that may hold several arrays, named as file.h5:/name
+_STACKS = {*_ARRAYS, ".fmf", ".npy", ".seq", ".ufmf"}
+IMAGE_SUFFIXES = {
+    *(".bmp", ".jfif", ".jpe", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm", ".ppm"),
+    *(".tif", ".tiff", ".webp"),
+}
 
 NUMBER = re.compile(r"%0?([0-9]{0,3})d")  # the number in a pattern of image names
 # Files with these endings are results, not inputs.
@@ -230,6 +237,17 @@ def is_image_file(name: str) -> bool:
     return _suffix(name) in IMAGE_SUFFIXES and is_file(name)
 
 
+def is_stack(name: str) -> bool:
+    """Return whether a name is that of a file of arrays, or of a laboratory's video."""
+    return _suffix(stack_and_key(name)[0]) in _STACKS and is_file(stack_and_key(name)[0])
+
+
+def stack_and_key(name: str) -> tuple[str, str]:
+    """Return the file and the array of a name such as ``file.h5:/name``; the array may be empty."""
+    file, _, key = name.rpartition(":/")
+    return (file, key) if _suffix(file) in _ARRAYS else (name, "")
+
+
 def _suffix(name: str) -> str:
     return os.path.splitext(name)[1].lower()  # noqa: PTH122 - many times faster than a Path
 
@@ -250,8 +268,22 @@ def _single_inputs(name: str) -> list[str]:
     files = [file for file in visible if not (is_folder(file) or _is_pipe_or_device(file))]
     videos = list(filter(is_video, files))
     if not videos and not any(_suffix(file) in IMAGE_SUFFIXES for file in files):
-        raise SourceError(f"{name}: no video and no image in this folder; check the path")
+        raise SourceError(f"{name}: {_nothing_in(files)}")
     return videos or [name]
+
+
+def _nothing_in(files: Sequence[str]) -> str:
+    """Return what a folder without videos and images holds, and what to do."""
+    if not files:
+        return "no video and no image in this folder; check the path"
+    suffix, count = Counter(_suffix(file) for file in files).most_common(1)[0]
+    held = f"{counted(count, 'file')} {suffix or 'without a suffix'}"
+    if suffix in _STACKS:
+        return f"no video and no image in this folder, but {held}; give these by name"
+    return (
+        f"no video and no image that can be read in this folder, but {held}; convert pictures to "
+        "PNG or TIFF, or check the path"
+    )
 
 
 def image_paths(name: str) -> list[Path]:
@@ -292,7 +324,8 @@ def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
 def bytes_of(name: str) -> int | None:
     """Return the size of a file, or of all images of a sequence; None for any other input."""
     try:
-        files = [Path(name)] if is_file(name) else image_paths(name)
+        single = stack_and_key(name)[0]
+        files = [Path(single)] if is_file(single) else image_paths(name)
     except SourceError:
         return None
     total = 0
@@ -399,6 +432,9 @@ def _stem(name: str) -> str:
         return re.sub(r"[^A-Za-z0-9.]+", "-", address).strip("-.")
     if is_folder(name):
         return Path(os.path.realpath(name)).name or "root"
+    file, key = stack_and_key(name)
+    if key:  # "flies.h5:/camera/left" gives "flies-camera-left"
+        return "-".join((Path(file).stem, *key.split("/")))
     # "frames_%04d.png" gives "frames".
     without_number = re.sub(r"[_\-. ]*%0?\d*d", "", Path(name).stem)
     return without_number or Path(os.path.realpath(name)).parent.name or "input"

@@ -28,7 +28,7 @@ from oppload_cli.processes import cores, signals
 from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
 from oppload_cli.processes.threads import Call
 from oppload_cli.video.frames import DecodeFacts, Picture, PictureSource, WorkingSize
-from oppload_cli.video.inputs import is_camera, is_image_file
+from oppload_cli.video.inputs import is_camera, is_image_file, is_stack
 from oppload_cli.video.span import Reading, Span
 
 if sys.platform != "win32":
@@ -110,7 +110,7 @@ class Opening:
 
 def is_video_file(name: str) -> bool:
     """Return whether a text is the name of a single file that is not an image."""
-    return is_file(name) and not is_camera(name) and not is_image_file(name)
+    return is_file(name) and not (is_camera(name) or is_image_file(name) or is_stack(name))
 
 
 def _can_fork() -> bool:

@@ -23,7 +23,7 @@ from oppload_cli.video.frames import (
     other_sizes,
     sizes_in_words,
 )
-from oppload_cli.video.inputs import NUMBER, checked_rate, is_camera, is_image_file
+from oppload_cli.video.inputs import NUMBER, checked_rate, is_camera, is_image_file, is_stack
 from oppload_cli.video.luminance import Luminance
 from oppload_cli.video.span import Reading, Span
 
@@ -257,10 +257,11 @@ def source_of(name: str, reading: Reading, threads: int = 0) -> PictureSource:
     # Each kind of input needs other libraries: Pillow and OpenCV, or PyAV. Import no others.
     camera, path = is_camera(name), Path(name)
     pattern = NUMBER.search(path.name) and not is_there(name)
-    if camera or pattern or is_folder(name):
-        if stream is not None:
-            kind = "a camera" if camera else "a sequence of images"
-            raise SourceError(f"{name}: is {kind}, which has no streams; leave --stream out")
+    sequence = pattern or is_folder(name)
+    if stream is not None and (camera or sequence or is_stack(name) or is_image_file(name)):
+        kind = "a camera" if camera else "a sequence of pictures"
+        raise SourceError(f"{name}: is {kind}, which has no streams; leave --stream out")
+    if camera or sequence:
         from oppload_cli.video.images import CameraSource, ImageSource
 
         if not camera:
@@ -268,11 +269,10 @@ def source_of(name: str, reading: Reading, threads: int = 0) -> PictureSource:
         if true_rate is not None:
             raise no_true_rate(name, "it is a camera")
         return CameraSource(name)
-    if is_image_file(name):
-        raise SourceError(
-            f"{name}: a single image shows no motion; give its folder, or a pattern such as "
-            f"frame_%03d{path.suffix}, and convert an animation or a stack to a video"
-        )
+    if is_stack(name) or is_image_file(name):
+        from oppload_cli.video.stacks import StackSource
+
+        return StackSource(name, reading)
     from oppload_cli.video.container import ContainerSource
 
     return ContainerSource(name, threads, true_rate, stream)

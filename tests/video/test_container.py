@@ -651,7 +651,8 @@ def test_a_picture_of_many_bits_counts_as_more_pixels(
         ),
         ("a.mp4", b"this is a shopping list\n" * 50, "not a video that can be read"),
         ("a.CSV", b"frame,time_s\n0,0\n", "it is a table.; 'oppload plot' draws a result"),
-        ("a.NPZ", b"PK\x03\x04", "holds arrays, not a video; load its frames in Python, and give"),
+        ("a.MAT", b"MATLAB 5.0", "holds arrays of MATLAB; save the pictures as .npy, or"),
+        ("a.nd2", b"nd2", "is a file of a microscope; export its pictures as TIFF"),
     ],
 )
 def test_the_error_names_a_file_that_is_no_video(

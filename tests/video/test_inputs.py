@@ -21,6 +21,23 @@ def test_an_empty_folder(tmp_path: Path) -> None:
     assert "no video and no image in this folder" in str(found.error)
 
 
+@pytest.mark.parametrize(
+    ("names", "held"),
+    [
+        (["a.exr", "b.exr", "notes.txt"], "2 files .exr; convert pictures to PNG or TIFF"),
+        (["README"], "1 file without a suffix; convert"),
+        (["a.npy", "b.npy"], "2 files .npy; give these by name"),
+    ],
+)
+def test_a_folder_of_other_files_is_named_by_them(
+    names: list[str], held: str, tmp_path: Path
+) -> None:
+    for name in names:
+        (tmp_path / name).touch()
+    (found,) = found_inputs(str(tmp_path))
+    assert held in str(found.error)
+
+
 def test_inputs_beside_the_videos_of_a_folder_give_a_note(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
