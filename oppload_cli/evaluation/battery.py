@@ -39,9 +39,7 @@ TABLES = {
 _LOOM = "klapoetke2017/loom-l-over-v"
 _L_OVER_V, _MOST = "disk.growth.l_over_v_ms", "disk.growth.most_deg"
 _DISK = {_L_OVER_V: 40}
-_SMALL_DISK = {**_DISK, _MOST: 40}
 _QUARTERS = [0, 45, 90, 135]
-_MOVING_GROUND = "controls/looming-on-moving-texture"
 
 
 @dataclass(frozen=True)
@@ -111,7 +109,9 @@ BATTERY = (
         for size in (10, 20, 30, 45, 60)
     ),
     *(
-        BatteryColumn("place", f"{x}, {y} deg", _LOOM, {**_SMALL_DISK, "disk.centre_deg": [x, y]})
+        BatteryColumn(
+            "place", f"{x}, {y} deg", _LOOM, {**_DISK, _MOST: 40, "disk.centre_deg": [x, y]}
+        )
         for x, y in ((0, 0), (10, 0), (20, 0), (0, 10), (-10, 0), (0, -10), (14, 14))
     ),
     BatteryColumn("background", "still texture", "controls/looming-on-static-texture"),
@@ -119,7 +119,7 @@ BATTERY = (
         BatteryColumn(
             "background",
             f"pan {speed} deg/s",
-            _MOVING_GROUND,
+            "controls/looming-on-moving-texture",
             {"ground.motion.speed_deg_s": speed, "ground.motion.direction_deg": 0},
         )
         for speed in (5, 15, 30)

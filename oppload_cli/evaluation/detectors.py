@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from oppload_cli.detection.alarm import AlarmParams
     from oppload_cli.schema import Parameters
 
-_USUAL = "opplod", "opplod_reference"
-
 
 @dataclass(frozen=True)
 class EvaluatedDetector:
@@ -84,7 +82,7 @@ def evaluated_detectors(
     if not chosen:
         chosen = list(resolve(config=config).models) if config else []
     if not any(name.startswith("opplod") for name in chosen):
-        chosen = [*_USUAL, *chosen]
+        chosen = ["opplod", "opplod_reference", *chosen]
     baselines = [name for name, detector in known.items() if detector.evaluated]
     models = list(dict.fromkeys((*chosen, *baselines)))
     sets = {*models, "alarm", "repeats", "time"}

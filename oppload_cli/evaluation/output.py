@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.engine import Evaluation
 
 
-_SCHEMA = "oppload.evaluation/1"
-_DPI = 160  # of the plots
 # The files name the column of detectors "contender", on which users' programs depend.
 _COLUMNS = {
     "evaluation.csv": ("contender", *Measurement._fields[1:]),
@@ -81,7 +79,7 @@ def write_evaluation(
         responses = BatteryResponses(evaluation.battery)
         tables.append(("battery.csv", BATTERY_COLUMNS, responses.rows()))
         figures["battery.png"] = battery_figure(responses)
-    plots = {name: image_bytes(figure, "png", _DPI) for name, figure in figures.items()}
+    plots = {name: image_bytes(figure, "png", dpi=160) for name, figure in figures.items()}
     page = page_of(evaluation, report, plots)
     # All old files go first: a run that fails must not leave old files beside new ones.
     for name in ALL_FILES:
@@ -296,7 +294,7 @@ def report_of(evaluation: Evaluation) -> dict[str, Any]:
     clips = evaluation.clips
     battery = BatteryResponses(evaluation.battery) if evaluation.battery else None
     return {
-        "schema": _SCHEMA,
+        "schema": "oppload.evaluation/1",
         "tool": environment(),
         "manifest": {
             "path": str(evaluation.manifest.path),

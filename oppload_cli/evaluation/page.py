@@ -35,10 +35,7 @@ if TYPE_CHECKING:
 
 
 _MOST = 4  # stills under each title for each detector
-_PICTURE_HEIGHT = 270  # height of a still in pixels
-_QUALITY = 82  # JPEG quality of a still
 _WIDTH, _HEIGHT = 300, 56  # of the strip below a still, in units of its SVG drawing
-_HIGHEST = 3.0  # the top of a strip is at most this multiple of the threshold
 
 
 class _Definition(NamedTuple):
@@ -239,7 +236,7 @@ def _frames(path: Path | Protocol, wanted: set[int]) -> Iterator[tuple[int, byte
         return
     span = Span(start=Position(frame=min(wanted)), end=Position(frame=max(wanted) + 1))
     try:
-        with open_video(path, height=_PICTURE_HEIGHT, span=span) as video:
+        with open_video(path, height=270, span=span) as video:
             for frame in video:
                 if frame.index in wanted:
                     grey = cv2.convertScaleAbs(frame.luma, alpha=255.0)
@@ -249,7 +246,7 @@ def _frames(path: Path | Protocol, wanted: set[int]) -> Iterator[tuple[int, byte
 
 
 def _jpeg(grey: MatLike) -> bytes:
-    _, data = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    _, data = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 82])
     return data.tobytes()
 
 
@@ -261,7 +258,7 @@ def _strip(clip: Clip, evidence: Numbers, threshold: float, shown: int) -> dict[
     """
     top = float(evidence.max()) or 1.0
     if threshold > 0:
-        top = min(max(top, 1.2 * threshold), _HIGHEST * threshold)
+        top = min(max(top, 1.2 * threshold), 3 * threshold)
     frame_width = _WIDTH / len(clip)
     start, stop = clip.approach
 

@@ -15,7 +15,7 @@ from oppload_cli.evaluation.detectors import full_label
 from oppload_cli.evaluation.metrics.alarms import AT_ONE, RATES
 from oppload_cli.evaluation.metrics.clips import AHEAD
 from oppload_cli.evaluation.metrics.measures import KIND
-from oppload_cli.models.registry import detectors
+from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import (
     DASHES,
     FAINT,
@@ -43,19 +43,8 @@ if TYPE_CHECKING:
 
 
 _HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "----")  # of bars
-_WIDTH, _HEIGHT = 4.8, 3.5  # inches, for up to 8 detectors or kinds of motion
-_ROW, _ROWS = 0.3, 8  # inches by which the figure grows for each further one
-_LEGEND_EM, _HANDLE_EM = 52, 4.8  # width of the legend and of what is beside a label, in its font
 _HIGHEST_RATE = 6.0  # false alarms per minute at the end of the axis
-_AXIS_END = 1.6  # the axis of false alarms ends at this multiple of the highest rate
-_POINT_STEP = 0.09  # distance of two points with equal lead times, in rows
-_MOST_OFFSET = 0.42  # of the points of a detector above and below its row
-_LABEL = 26  # characters in a line of a label: three columns of them fit below a plot
-# Of the matrix of selectivity, in inches: a shade, the labels of the rows on one side, the names of
-# the detectors above, and the colour bar.
-_SHADE, _LABELS, _NAMES, _BAR = 0.17, 1.5, 1.1, 0.9
-_LEFT = (KIND, "polarity", "contrast")  # its tables on the left
-_LEAST, _MOST = 1e-3, 10.0  # widest range of its shades, in responses to the looming disk
+_LEAST, _MOST = 1e-3, 10.0  # widest range of shades, in responses to the looming disk
 _SHARES: dict[str, Any] = {"xlim": (-0.01, 1.01), "ylim": (0, 1.02)}  # limits for two shares
 
 
@@ -142,7 +131,7 @@ def _leads(axes: Axes, performances: Performances) -> None:
         # Points with equal lead times are drawn above and below each other, so that all are seen.
         ranks = _rank_among_equal(leads)
         highest = np.abs(ranks).max(initial=1)
-        y = row + min(_POINT_STEP, _MOST_OFFSET / highest) * ranks
+        y = row + min(0.09, 0.42 / highest) * ranks  # in rows
         axes.plot(leads, y, "o", color=look["color"], markersize=3.5, alpha=0.8, clip_on=False)
         if len(leads):
             axes.plot([np.median(leads)] * 2, [row - 0.3, row + 0.3], color=INK, lw=1.2)
@@ -185,7 +174,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
     axes.set_yticks(range(len(kinds)), labels)
     axes.figure.figure.set_figheight(_height(max(len(kinds), len(performances))))
     axes.invert_yaxis()
-    axes.set_xlim(0, _AXIS_END * highest)  # intervals of few clips are too long to show completely
+    axes.set_xlim(0, 1.6 * highest)  # intervals of few clips are too long to show completely
     axes.set_title("false alarms by kind of motion, at 1 per minute in all")
     axes.set_xlabel("false alarms per minute")
     _say_if_empty(axes, "no false alarm")
@@ -194,7 +183,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
 
 def _height(rows: int) -> float:
     """Return the height of a figure in inches, so that the labels of its rows are apart."""
-    return _HEIGHT + _ROW * max(0, rows - _ROWS)
+    return 3.5 + 0.3 * max(0, rows - 8)
 
 
 def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
@@ -206,7 +195,8 @@ def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
 def _looks(performances: Performances) -> Iterator[tuple[Performance, dict[str, Any]]]:
     """Yield each performance with the label, colour and dashes of its line."""
     for index, (name, performance) in enumerate(performances.items()):
-        look = {"label": wrapped(full_label(name), _LABEL), "color": _colour_of(name)}
+        label = wrapped(full_label(name), 26)  # three columns of such lines fit below a plot
+        look = {"label": label, "color": detector_named(name).colour}
         # Each line is thinner than the one before, so that lines that coincide are all seen.
         width = max(1.0, 2.6 - 0.4 * index)
         yield performance, {**look, "lw": width, "ls": DASHES[index % len(DASHES)]}
@@ -216,11 +206,6 @@ def _bar_look(look: Mapping[str, Any], index: int) -> dict[str, Any]:
     """Return the look of the bars of detector `index`, which differ in grey print too."""
     hatch = _HATCHES[index % len(_HATCHES)]
     return {"color": look["color"], "label": look["label"], "hatch": hatch, "edgecolor": "white"}
-
-
-def _colour_of(name: str) -> str:
-    """Return the colour of an evaluated detector in plots, as ``#RRGGBB``."""
-    return detectors()[name].colour if name in detectors() else INK
 
 
 def _legend(axes: Axes) -> None:
@@ -239,12 +224,13 @@ def _legend(axes: Axes) -> None:
 
 def _columns(labels: Sequence[str]) -> int:
     """Return in how many columns, at most three, a legend is not wider than the figure."""
-    widths = [max(map(width_em, label.splitlines())) + _HANDLE_EM for label in labels]
+    handle_em, figure_em = 4.8, 52  # a line beside its label, and the figure, in the legend's font
+    widths = [max(map(width_em, label.splitlines())) + handle_em for label in labels]
 
     def width(columns: int) -> float:
         return sum(max(column, default=0.0) for column in np.array_split(widths, columns))
 
-    return next((columns for columns in (3, 2) if width(columns) <= _LEGEND_EM), 1)
+    return next((columns for columns in (3, 2) if width(columns) <= figure_em), 1)
 
 
 def _say(axes: Axes, words: str) -> None:
@@ -286,7 +272,7 @@ PLOTS: dict[str, tuple[str, Callable[[Axes, Performances], None]]] = {
 
 def figure_of(plot: str, performances: Performances) -> Figure:
     """Return one of the `PLOTS`; `performances` has the order of the legend."""
-    with styled_figure(_WIDTH, _height(len(performances))) as figure:
+    with styled_figure(4.8, _height(len(performances))) as figure:
         _, draw = PLOTS[plot]
         draw(figure.subplots(), performances)
     return figure
@@ -297,12 +283,15 @@ def battery_figure(responses: BatteryResponses) -> Figure:
 
     The shades are responses divided by that to the looming disk; the dots are alarms.
     """
-    sides = [_matrix_rows(responses, tables) for tables in (_LEFT, [*TABLES][len(_LEFT) :])]
+    left = (KIND, "polarity", "contrast")
+    sides = [_matrix_rows(responses, tables) for tables in (left, [*TABLES][len(left) :])]
     height = max(map(len, sides))
     least, most = _limits(np.concatenate([*responses.over_loom.values()]))
     norm = LogNorm(least, most)
-    width = 2 * (_LABELS + _SHADE * len(responses.names)) + _BAR
-    with styled_figure(width, _NAMES + _SHADE * height) as figure:
+    # In inches: the labels of the rows, the colour bar, and the names of the detectors above.
+    labels, bar_width, names, shade = 1.5, 0.9, 1.1, 0.17
+    width = 2 * (labels + shade * len(responses.names)) + bar_width
+    with styled_figure(width, names + shade * height) as figure:
         panels = figure.subplots(1, 2)
         for axes, rows in zip(panels, sides, strict=True):
             image = _matrix(axes, responses, rows, norm)

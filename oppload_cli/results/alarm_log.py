@@ -126,12 +126,6 @@ _CAUSES = {
 }
 
 
-def _known_values(event: dict[str, Any]) -> dict[str, Any]:
-    """Return the values of an alarm without those that only earlier versions wrote."""
-    names = {known.name for known in fields(_AlarmEvent)}
-    return {name: value for name, value in event.items() if name in names}
-
-
 def uncounted(blind: str | None, *, beside_alarms: bool = False) -> str:
     """Return the end of a sentence: why a response above the threshold caused no alarm.
 
@@ -190,15 +184,15 @@ def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
     KeyError, TypeError, AttributeError
         If the sidecar has no verdicts, or a verdict is not complete.
     """
-    return tuple(
-        Verdict(
-            model,
-            tuple(_AlarmEvent(**_known_values(event)) for event in content["alarms"]),
-            content["peak"],
-            content.get("peak_blind"),
+    known = {value.name for value in fields(_AlarmEvent)}  # earlier versions wrote others too
+    verdicts = []
+    for model, content in sidecar["alarms"].items():
+        alarms = tuple(
+            _AlarmEvent(**{name: value for name, value in event.items() if name in known})
+            for event in content["alarms"]
         )
-        for model, content in sidecar["alarms"].items()
-    )
+        verdicts.append(Verdict(model, alarms, content["peak"], content.get("peak_blind")))
+    return tuple(verdicts)
 
 
 MOST_IN_A_LINE = 3  # detectors; if there are more, each has a line

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.columns import FRAME, columns_of
-from oppload_cli.models.registry import detector_named
+from oppload_cli.models.registry import detector_named, placing_detector
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -138,9 +138,8 @@ class FrameRecord:
     @property
     def detections(self) -> tuple[Detection, ...]:
         """The looming objects of the first detector that has places, largest response first."""
-        placing = (name for name in self.detectors if detector_named(name).places)
-        first = next(placing, None)
-        return () if first is None else self.detectors[first].objects
+        placing = placing_detector(self.detectors)
+        return self.detectors[placing.name].objects if placing else ()
 
     def values(self) -> dict[str, Cell]:
         """Return the values by column; the columns are the same for every frame.

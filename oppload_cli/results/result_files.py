@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from oppload_cli.detection.alarm import AlarmParams, alarm_params
-from oppload_cli.errors import (
-    OpploadError,
-    ResultError,
-    SourceError,
-    counted,
-)
+from oppload_cli.errors import ResultError, SourceError, counted
 from oppload_cli.files.atomic import PART, part_of
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.models.detector import Box
@@ -140,7 +134,8 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
     result = BaseResult(path, frames, sidecar_of(beside(path)))
     result.need(("frame", "time_s"))
     if not result.models:
-        _alarm_params(result)  # raises an error that names an unknown detector
+        check_schema(result)
+        check_detectors(result.path, result.sidecar)  # the error names an unknown detector
         result.need((f"{default_names()[0]}_response",))
     known = {column.name for column in columns_for(result.models, rmo=True, details=True)}
     check_frames(path, frames, known.intersection(frames.columns))
@@ -350,18 +345,6 @@ def check_schema(result: BaseResult) -> None:
             f"{result.path}: its sidecar is of schema {schema}, not {SCHEMA}; run the input "
             "again, or remove the sidecar to read the table alone"
         )
-
-
-def _alarm_params(result: BaseResult) -> AlarmParams:
-    check_schema(result)
-    check_detectors(result.path, result.sidecar)
-    try:
-        return alarm_params(**result.part("parameters").get("alarm", {}))
-    except (OpploadError, TypeError) as error:
-        raise ResultError(
-            f"{result.path}: its sidecar has wrong parameters of the alarm ({error}); run the "
-            "input again"
-        ) from error
 
 
 def check_detectors(path: Path, sidecar: Mapping[str, Any]) -> None:

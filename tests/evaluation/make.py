@@ -12,7 +12,7 @@ from oppload_cli.models.detector import Box
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-NAME = "detector"
+NAME = "opplod"
 WARM_UP = 3
 
 

@@ -11,6 +11,7 @@ from matplotlib.container import BarContainer
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
 from oppload_cli.evaluation.plots import PLOTS, figure_of
+from oppload_cli.models.registry import detectors
 from tests.evaluation.make import NAME, clip, peaks
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def test_leads_and_kinds_are_those_of_the_figures() -> None:
     # At one false alarm per minute two of them: the threshold is 0.5.
     assert np.asarray(axes.get_lines()[0].get_xdata()).tolist() == pytest.approx([0.5, 0.6])
     assert not axes.get_lines()[0].get_clip_on()  # the largest lead is at the end of the axis
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["detector\n2 of 2"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["OppLoD\n2 of 2"]
     (axes,) = figure_of("false-alarms.png", MEASURED).axes
     kinds = [label.get_text() for label in axes.get_yticklabels()]
     assert kinds == ["before an approach\n2 clips", "still\n1 clip", "walking\n1 clip"]
@@ -89,7 +90,7 @@ def test_every_plot_has_the_numbers_of_its_definition() -> None:
     assert line_of(panels["lead-time.png"], 0)[0] == pytest.approx([0.3, 0.5, 1.0])
     assert line_of(panels["lead-time.png"], 1)[0] == pytest.approx([0.5, 0.5])  # the median
     labels = [label.get_text() for label in panels["lead-time.png"].get_yticklabels()]
-    assert labels == ["detector\n3 of 4", "D-LGMD\n3 of 4"]
+    assert labels == ["OppLoD\n3 of 4", "D-LGMD\n3 of 4"]
     pairs = [
         measurement for measurement in found.measurements if measurement.measure == "ordered_pairs"
     ]
@@ -145,7 +146,7 @@ def test_plots_without_approaches_or_false_alarms_say_so(
 def test_many_kinds_of_motion_fit_into_their_plot() -> None:
     clips = [clip(peaks(100, {50: 1.0}), motion=f"kind {number}") for number in range(20)]
     found = measured(clips, NAME, draws_of([False] * 20, 100))
-    figure = figure_of("false-alarms.png", dict.fromkeys("abcd", found))
+    figure = figure_of("false-alarms.png", dict.fromkeys(list(detectors())[:4], found))
     figure.draw_without_rendering()
     labels = [label.get_window_extent() for label in figure.axes[0].get_yticklabels()]
     assert len(labels) == 20
@@ -154,9 +155,12 @@ def test_many_kinds_of_motion_fit_into_their_plot() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("plot", PLOTS)
-def test_many_detectors_and_a_long_name_fit_into_a_plot(plot: str) -> None:
-    names = [f"a_detector_of_ours_{number}" for number in range(22)]
-    names.append("a_detector_with_a_name_of_many_words_that_would_push_the_others_out")
+def test_many_detectors_and_a_long_name_fit_into_a_plot(
+    plot: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = list(detectors())[:23]
+    long_label = "a detector with a name of many words that would push the others out"
+    monkeypatch.setattr(detectors()[names[-1]], "label", long_label)
     figure = figure_of(plot, dict.fromkeys(names, MEASURED[NAME]))
     figure.draw_without_rendering()
     (axes,) = figure.axes
