@@ -35,8 +35,3 @@ def test_the_picture_keeps_its_size_or_is_enlarged_by_an_integer(
     assert layout.plot.x + layout.plot.width <= layout.width
     assert 0 <= layout.picture.x <= layout.width - layout.picture.width
     assert layout.plot.width >= 20 * layout.text
-
-
-def test_text_grows_with_the_picture() -> None:
-    assert Layout.of(facts(1920, 1080)).text == 34
-    assert Layout.of(facts(1920, 1080)).line == 4

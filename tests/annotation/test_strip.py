@@ -186,14 +186,6 @@ def test_ticks_are_at_round_times(
     assert [text for text in texts if text.endswith(" s")][1:] == ticks  # after the clock
 
 
-def test_the_last_number_of_the_time_axis_ends_within_the_frame() -> None:
-    strip = Strip(LAYOUT, BOTH, 0.1)  # the last number is 0.10 s
-    canvas = np.zeros((LAYOUT.height, LAYOUT.width, 3), np.uint8)
-    strip.draw(canvas, record(0))
-    numbers = canvas[LAYOUT.plot.y + LAYOUT.plot.height :]
-    assert np.flatnonzero((numbers < 200).any(axis=(0, 2))).max() < LAYOUT.width - 1
-
-
 def test_ticks_have_numbers_that_move_with_the_window() -> None:
     rows = slice(LAYOUT.plot.y + LAYOUT.plot.height, None)
     at = {}

@@ -143,17 +143,6 @@ def test_plots_without_approaches_or_false_alarms_say_so(
 
 
 @pytest.mark.long
-def test_many_kinds_of_motion_fit_into_their_plot() -> None:
-    clips = [clip(peaks(100, {50: 1.0}), motion=f"kind {number}") for number in range(20)]
-    found = measured(clips, NAME, draws_of([False] * 20, 100))
-    figure = figure_of("false-alarms.png", dict.fromkeys(list(detectors())[:4], found))
-    figure.draw_without_rendering()
-    labels = [label.get_window_extent() for label in figure.axes[0].get_yticklabels()]
-    assert len(labels) == 20
-    assert not any(first.overlaps(second) for first, second in itertools.pairwise(labels))
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("plot", PLOTS)
 def test_many_detectors_and_a_long_name_fit_into_a_plot(
     plot: str, monkeypatch: pytest.MonkeyPatch
@@ -171,15 +160,3 @@ def test_many_detectors_and_a_long_name_fit_into_a_plot(
         assert box.x1 <= edge.x1
     labels = [label.get_window_extent() for label in axes.get_yticklabels()][: len(names) - 1]
     assert not any(first.overlaps(second) for first, second in itertools.pairwise(labels))
-
-
-def test_words_of_an_empty_plot_are_not_crossed_by_intervals() -> None:
-    found = measured([clip([0.0] * 100, 0, 90)], NAME, draws_of([True], 100))
-    (axes,) = figure_of("false-alarms.png", {NAME: found}).axes
-    (words,) = axes.texts
-    ground = words.get_bbox_patch()
-    assert ground is not None
-    assert ground.get_facecolor() == (1, 1, 1, 1)
-    assert words.get_zorder() > max(
-        artist.get_zorder() for artist in (*axes.lines, *axes.collections)
-    )

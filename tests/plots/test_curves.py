@@ -11,14 +11,13 @@ import matplotlib.colors
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from matplotlib.image import imread as read_image
 from matplotlib.text import Text
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.curves import _binned, plot_curves
 from oppload_cli.plots.rmo_curves import plot_rmo
-from oppload_cli.plots.style import COLUMN, CYCLE, LEAST_SIZE, METADATA, MOST_HEIGHT, PAGE, save
+from oppload_cli.plots.style import COLUMN, CYCLE, METADATA, MOST_HEIGHT, PAGE, save
 from oppload_cli.results.result_files import read_result
 from oppload_cli.stimulus import ground_truth, load
 from tests.results.make import frame_rows, write_result, write_rows
@@ -155,28 +154,6 @@ def test_a_peak_that_did_not_count_is_explained(
     assert note == f"peak above the threshold, which did not count: {reason}"
 
 
-def test_a_peak_outside_the_axis_leaves_the_panel_its_size(result: BaseResult) -> None:
-    sizes = []
-    for xlim in ((0.2, 1.9), (0.2, 0.8)):  # the peak is at 1.5 s
-        figure, (panel,) = plot_curves(result, models=["opplod"], xlim=xlim)
-        figure.draw_without_rendering()
-        sizes.append(panel.get_position().width)
-    assert sizes[1] == pytest.approx(sizes[0], abs=0.05)
-
-
-@pytest.mark.long
-def test_a_row_of_panels_keeps_its_height_and_its_label_under_a_long_legend(tmp_path: Path) -> None:
-    rows = frame_rows()
-    for row in rows:
-        row.update({f"{name}_response": row["opplod_response"] for name in detectors()})
-    pair = [read_result(write_rows(tmp_path / f"{n}.frames.csv", rows)) for n in "ab"]
-    figure, axes = plot_curves(pair)
-    figure.draw_without_rendering()
-    assert axes[0].get_window_extent().height / figure.dpi > 0.8  # inches
-    label = axes[0].yaxis.label.get_window_extent()
-    assert label.y1 < figure.legends[0].get_window_extent().y0
-
-
 def test_noise_is_no_peak(tmp_path: Path) -> None:
     rows = frame_rows()
     for row in rows[3:]:
@@ -253,19 +230,6 @@ def test_more_than_six_curves_are_small_multiples_on_one_scale(tmp_path: Path) -
         "OppLoD", "shaded: alarm on",
     ]  # fmt: skip
     assert figure.get_figwidth() == pytest.approx(PAGE)
-
-
-@pytest.mark.long
-def test_the_numbers_below_small_multiples_do_not_touch(tmp_path: Path) -> None:
-    marks = {"contact": [1.75] * 7}
-    results = several(tmp_path, 7)
-    for xlim in ((-1.7, 0.2), (-0.9, 0.1), (-13, 0.5)):
-        figure, axes = plot_curves(results, align="contact", marks=marks, xlim=xlim)
-        figure.draw_without_rendering()
-        boxes = [text.get_window_extent() for text in axes[-1].get_xticklabels()]
-        assert len(boxes) >= 3
-        gaps = [right.x0 - left.x1 for left, right in pairwise(boxes)]
-        assert min(gaps) > figure.dpi * 3 / 72, (xlim, gaps)
 
 
 EIGHT = list(detectors())[:8]
@@ -359,22 +323,6 @@ def test_a_bin_of_time_shows_its_largest_value() -> None:
     assert _binned(time, value, 0.6, 0.8, 2).tolist() == [2, 2]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("count", [25, 70])
-def test_long_names_leave_a_heat_map_its_width_and_lie_apart(tmp_path: Path, count: int) -> None:
-    long = "a video with a rather long name, of the second camera in the cellar, copy"
-    names = [f"clip-{at}" if at < 3 else f"{long} {at}" for at in range(count)]
-    figure, (panel,) = plot_curves(several(tmp_path, count), models=["opplod"], labels=names)
-    figure.draw_without_rendering()
-    assert panel.get_position().width > 0.6
-    labels = panel.get_yticklabels()
-    told = [label.get_text().replace("\n", " ") for label in labels]
-    assert told == names[:: round(count / len(told))]
-    assert {label.get_fontsize() for label in labels} == {LEAST_SIZE}
-    extents = [label.get_window_extent() for label in labels]
-    assert not any(one.overlaps(other) for one, other in pairwise(extents))
-
-
 @pytest.mark.parametrize("count", [1, 4, 25])  # a panel, small panels and a heat map
 def test_dollar_signs_in_the_words_of_a_detector_are_no_formula(
     tmp_path: Path, count: int, monkeypatch: pytest.MonkeyPatch
@@ -411,24 +359,6 @@ def test_heat_maps_of_many_detectors_lie_apart_with_their_words(tmp_path: Path, 
         assert [label.get_text() for label in shown if label.get_text()] == ["0.01", "0.03"]
 
 
-def test_a_title_of_wide_letters_is_not_cut(tmp_path: Path) -> None:
-    name = "A VIDEO OF THE CAMERA ON THE BOW OF THE MOTORBOAT, IN THE MORNING, MWMWMWMWMWMWMWM"
-    result = result_in(tmp_path)
-    figure, (panel,) = plot_curves(result, models=["opplod"], title=name)
-    figure.draw_without_rendering()
-    title = next(text for text in panel.findobj(Text) if text.get_text().startswith("A VIDEO"))
-    assert isinstance(title, Text)
-    assert title.get_text().replace("\n", " ") == name
-    assert title.get_window_extent().x1 <= figure.bbox.x1
-
-
-@pytest.mark.long
-def test_figures_are_bounded(tmp_path: Path) -> None:
-    figure, _ = plot_curves(several(tmp_path, 10), scale="raw")
-    assert figure.get_figheight() <= MOST_HEIGHT
-    assert figure.get_figwidth() <= PAGE
-
-
 def test_lengths_must_agree_in_a_panel_unless_told(tmp_path: Path) -> None:
     results = [result_in(tmp_path, str(frames), frames) for frames in (40, 35)]
     with pytest.raises(ResultError, match=r"40\.frames\.csv: column 'frame' has 40 rows"):
@@ -454,16 +384,6 @@ def test_numbers_of_four_digits_have_no_exponent(tmp_path: Path) -> None:
     assert [text.get_text() for text in panel.texts] == ["contact at 2,346 s"]
     with pytest.raises(ParameterError, match="the frames are between 1,234 and 1,236 s"):
         plot_curves(late, xlim=(0, 1))
-
-
-@pytest.mark.long
-def test_labels_of_marks_share_a_row_unless_they_would_overlap(result: BaseResult) -> None:
-    for onset, contact, together in ((0.5, 1.6, True), (1.0, 1.1, True), (1.75, 1.85, False)):
-        figure, (panel,) = plot_curves(result, marks={"onset": [onset], "contact": [contact]})
-        figure.draw_without_rendering()
-        first, second = (text.get_window_extent() for text in panel.texts)
-        assert not first.overlaps(second), (onset, contact)
-        assert (abs(first.y1 - second.y1) < 2) == together, (onset, contact)
 
 
 def test_time_counts_from_contact(tmp_path: Path) -> None:
@@ -742,14 +662,6 @@ def test_the_notes_of_small_multiples_are_inside_the_figure(tmp_path: Path) -> N
     assert legend.get_window_extent().x1 <= figure.bbox.x1
 
 
-def test_a_text_is_the_name_of_one_detector(tmp_path: Path) -> None:
-    result = read_result(write_rows(tmp_path / "one.frames.csv", frame_rows()))
-    (named,), (listed,) = (
-        plot_curves(result, models=models)[1] for models in ("opplod", ["opplod"])
-    )
-    assert labels(named) == labels(listed)
-
-
 def test_a_figure_can_be_pickled(tmp_path: Path) -> None:
     """Another process may draw it and hand it over."""
     result = read_result(write_rows(tmp_path / "one.frames.csv", frame_rows()))
@@ -778,16 +690,3 @@ def test_times_far_from_zero_do_not_overlap(tmp_path: Path, contact: float, coun
     assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
     assert axis.get_offset_text().get_text() == ""
     assert float(labels[0].get_text().replace("\N{MINUS SIGN}", "-")) < 3 - contact
-
-
-@pytest.mark.long
-def test_a_legend_is_as_wide_in_a_figure_of_few_pixels(tmp_path: Path) -> None:
-    name = "a name of a clip that fills the line of it"
-    figure, _ = plot_curves(result_in(tmp_path), models=["opplod"], title=name)
-    plot = tmp_path / "figure.png"
-    widths = []
-    for dpi in (80, 800):
-        figure.savefig(plot, dpi=dpi)
-        title = read_image(plot)[: round(0.15 * dpi), :, 0]  # the first 0.15 inches
-        widths.append(np.ptp(np.flatnonzero((title < 0.7).any(axis=0))) / dpi)
-    assert widths[0] == pytest.approx(widths[1], abs=0.03)

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +8,6 @@ from matplotlib.artist import getp
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.projections.polar import PolarAxes
-from matplotlib.text import Text
 from scipy.special import stdtrit
 
 from oppload_cli.errors import ParameterError, ResultError
@@ -238,27 +236,12 @@ def test_a_condition_that_ends_during_the_warm_up_is_left_out(
         np.testing.assert_allclose(shown, [[1, np.nan, np.nan], [np.nan, 0.5, 0]])
 
 
-def test_large_peaks_have_no_exponent(tmp_path: Path) -> None:
-    values = {"disk.size_deg": [10.0, 20, 30]}
-    _, (panel,) = plot_tuning(made(tmp_path, values, {"hua_fixed": [5150.4, 2, 1]}))
-    assert panel.get_legend_handles_labels()[1][0].startswith("Hua et al., largest peak 5,150 (")
-
-
 def test_a_line_goes_from_left_to_right_whatever_the_order_of_the_sweep(tmp_path: Path) -> None:
     values = {"disk.growth.l_over_v_ms": [40.0, 10, 20]}
     tuning = made(tmp_path, values, {"opplod": [1.0, 4, 2]})
     (line,) = plot_tuning(tuning)[1][0].lines
     np.testing.assert_allclose(np.asarray(line.get_xdata()), [10, 20, 40])
     np.testing.assert_allclose(y_of(line), [1, 0.5, 0.25])
-
-
-def test_many_lines_leave_their_panel_room(tmp_path: Path) -> None:
-    peaks = {name: [4.0, 2, 1] for name in list(detectors())[:6]}
-    tuning = made(tmp_path, L_OVER_V, peaks)
-    figure, (panel,) = plot_tuning(tuning)
-    figure.draw_without_rendering()
-    assert panel.get_window_extent().height / figure.dpi > 1  # inches
-    assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
 
 
 # Detectors in a figure: the least that are too many for one panel, and many.
@@ -341,23 +324,6 @@ def test_the_foot_states_the_working_height_of_each_detector(
     peaks = dict.fromkeys(models, PEAKS["opplod"])
     tuning = made(tmp_path, AXES, peaks, models=models, height=height, stimulus=stimulus)
     assert plot_tuning(tuning)[0].texts[-1].get_text() == said
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kind", ["polar", "line"])
-def test_the_foot_lies_below_the_label_of_small_panels(kind: str, tmp_path: Path) -> None:
-    names = [name for name in detectors() if name != "opplod"][:7]
-    peaks = dict.fromkeys(names, PEAKS["opplod"])
-    changed = {f"opplod.{letter * 9}": 1.5 for letter in "abcdefgh"}
-    tuning = made(tmp_path, AXES, peaks, models=names, height=600, changed=changed)
-    figure, axes = plot_tuning(tuning, kind)
-    figure.draw_without_rendering()
-    foot = figure.texts[-1].get_window_extent()
-    (label,) = (text for text in figure.findobj(Text) if text.get_text() == figure.get_supxlabel())
-    box = label.get_window_extent()
-    lowest = min(tight.y0 for panel in axes if (tight := panel.get_tightbbox()))
-    assert figure.bbox.y0 <= foot.y0 < foot.y1 <= box.y0 < box.y1 <= lowest
-    assert figure.bbox.x0 <= foot.x0
 
 
 @pytest.mark.parametrize(
@@ -509,19 +475,6 @@ def test_a_heat_map_over_several_decades_is_logarithmic(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_the_numbers_of_a_wide_heat_map_do_not_touch(tmp_path: Path) -> None:
-    across = [float(angle) for angle in range(0, 180, 15)]
-    values = {"bar.axis_deg": across * 2, "bar.width_deg": [10.0] * 12 + [60.0] * 12}
-    peaks_of = {"opplod": [0.00123 * (at + 1) for at in range(24)]}
-    tuning = made(tmp_path, values, peaks_of)
-    figure, (panel,) = plot_tuning(tuning)
-    figure.draw_without_rendering()
-    extents = [text.get_window_extent() for text in (*panel.texts, *panel.get_xticklabels())]
-    assert len(extents) == 36
-    assert not [1 for at, one in enumerate(extents) for two in extents[:at] if one.overlaps(two)]
-
-
-@pytest.mark.long
 @SEVEN_AND_MANY
 @pytest.mark.filterwarnings("error")  # of a layout that found no room
 def test_heat_maps_of_many_detectors_are_small_and_on_one_scale(count: int, tmp_path: Path) -> None:
@@ -557,30 +510,6 @@ def test_more_than_six_curves_have_a_polar_plot_each(count: int, tmp_path: Path)
     names = [panel.get_title("left").split("\n")[0] for panel in axes]
     assert names == [detector_named(name).label for name in peaks_of]
     np.testing.assert_allclose(np.asarray(axes[3].lines[0].get_ydata())[:8], peaks_of["opplod"])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("count", "scale"), [(1, "peak"), (6, "peak"), (2, "raw"), (6, "raw")])
-def test_long_doubts_leave_a_polar_plot_its_room(count: int, scale: str, tmp_path: Path) -> None:
-    peaks = {name: [1.0, 4, 1, 4] for name in list(detectors())[:count]}
-    note = "no indicator and more than one unit: larger for bars than in LPLC2 neurons"
-    doubts = [{"model": name, "note": note} for name in peaks]
-    tuning = made(tmp_path, AXES, peaks, symmetric=True, doubts=doubts)
-    figure, panels = plot_tuning(tuning, scale=scale, lplc2="none")
-    figure.draw_without_rendering()
-    for panel in panels:
-        legend = panel.get_legend()
-        assert legend is not None
-        box, label = legend.get_window_extent(), panel.xaxis.label.get_window_extent()
-        for part in (box, label):
-            assert figure.bbox.x0 <= part.x0 < part.x1 <= figure.bbox.x1
-            assert figure.bbox.y0 <= part.y0
-        assert box.y1 <= label.y0  # the one is below the other
-    circle = panels[0].get_window_extent()
-    assert circle.width > 0.7 * figure.bbox.width / (1 if scale == "peak" or count < 3 else 3)
-    for one, other in itertools.combinations(panels, 2):
-        labels = [panel.xaxis.label.get_window_extent() for panel in (one, other)]
-        assert not labels[0].overlaps(labels[1])
 
 
 def test_the_numbers_of_the_radius_are_where_no_curve_is(tmp_path: Path) -> None:
@@ -717,59 +646,6 @@ def test_two_tables_of_one_detector_have_two_colours(tmp_path: Path, kind: str, 
     assert axes[0].lines[0].get_color() == detector_named("opplod").colour
 
 
-@pytest.mark.parametrize(
-    ("kind", "key"),
-    [("contact", "disk.growth.l_over_v_ms"), ("contrast", "disk.luminance"), ("line", "disk.a")],
-)
-def test_long_names_leave_room_for_the_curves(tmp_path: Path, kind: str, key: str) -> None:
-    tables = two_gains(tmp_path, {key: [0.2, 0.4, 0.8, 1.0]})
-    doubts = [{"model": "opplod", "note": "a reason why this curve means little"}] * 6
-    for table in tables:
-        table.sidecar["doubts"] = doubts
-    labels = [f"{'a_name_of_many_words/' * 8}{number}" for number in range(2)]
-    figure, axes = plot_tuning(tables, kind, labels=labels, published=False)
-    figure.draw_without_rendering()
-    top = max(panel.get_window_extent().y1 for panel in axes)
-    legend = figure.legends[0] if figure.legends else axes[0].get_legend()
-    assert legend is not None
-    assert legend.get_window_extent().y0 >= top
-    assert axes[0].get_window_extent().height >= figure.dpi
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("count", [1, 5])
-def test_names_along_a_heat_map_do_not_overlap(count: int, tmp_path: Path) -> None:
-    values = [1.123 * step for step in range(1, 31)]
-    pairs = np.array(list(itertools.product(values, values))).T.tolist()
-    swept = dict(zip(("disk.growth.speed_deg_s", "disk.growth.end_deg"), pairs, strict=True))
-    peaks = dict.fromkeys(list(detectors())[:count], [1.0] * 900)
-    figure, axes = plot_tuning(made(tmp_path, swept, peaks), "heat")
-    figure.draw_without_rendering()
-    across = [label.get_window_extent() for label in axes[-1].get_xticklabels()]
-    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(across))
-    up = [label.get_window_extent() for label in axes[0].get_yticklabels()]
-    assert all(low.y1 < high.y0 + 2 for low, high in itertools.pairwise(up))
-    assert min(len(across), len(up)) >= 3
-
-
-@pytest.mark.long
-def test_the_titles_of_maps_of_positions_do_not_overlap(tmp_path: Path) -> None:
-    places = list(itertools.product([-6.0, 0, 6], repeat=2))
-    swept = {
-        f"disk.centre_deg.{end}": [place[at] for place in places]
-        for at, end in enumerate(("right", "up"))
-    }
-    names = ["opplod", "dlgmd"]
-    note = "12 of 12 peaks at the start of the motion: no tuning"
-    doubts = [{"model": name, "note": note} for name in names]
-    peaks = dict.fromkeys(names, [1.0] * 5 + [0.0] * 4)
-    figure, axes = plot_tuning(made(tmp_path, swept, peaks, doubts=doubts), "position")
-    figure.draw_without_rendering()
-    shown = {text.get_text(): text.get_window_extent() for text in figure.findobj(Text)}
-    one, other = (shown[panel.get_title("left")] for panel in axes)
-    assert one.x1 < other.x0
-
-
 def test_a_detector_in_one_of_two_tables_keeps_its_colour() -> None:
     assert [look["color"] for look in looks_of(["dlgmd", "opplod"])] == [
         detector_named(name).colour for name in ("dlgmd", "opplod")
@@ -798,14 +674,3 @@ def test_a_rotated_scene_is_no_direction_of_motion(tmp_path: Path) -> None:
         assert panel.get_xlabel() == f"radius: response / peak; angle: {angle}"
         names = [curve.name for curve in polar_curves(tuning)]
         assert any(name.startswith("LPLC2") for name in names) == (key == "bar.axis_deg")
-
-
-@pytest.mark.long
-def test_small_polar_plots_and_the_foot_have_letters_of_six_points(tmp_path: Path) -> None:
-    values: dict[str, list[Any]] = {"bar.axis_deg": [0, 45, 90, 135]}
-    peaks = {name: [1.0, 2, 3, 2] for name in list(detectors())[:8]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks, **AT_240))
-    figure, _ = plot_tuning(tuning, "polar")
-    texts = [text for text in figure.findobj(Text) if text.get_text()]
-    assert any(text.get_text() == "240 px" for text in texts)
-    assert min(text.get_fontsize() for text in texts) == 6
