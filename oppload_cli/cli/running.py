@@ -56,7 +56,7 @@ from oppload_cli.pipeline.task import (
     exists_already,
 )
 from oppload_cli.results.alarm_log import ALARM_COLUMNS, write_alarms
-from oppload_cli.video.inputs import GROUND_TRUTH, is_real_time, left_out
+from oppload_cli.video.inputs import GROUND_TRUTH, is_missing, is_real_time, left_out
 
 if sys.platform == "win32":
     from subprocess import list2cmdline as command_line
@@ -287,7 +287,12 @@ def _tasks(plan: Plan, task: Task, options: RunOptions) -> Iterator[Task]:
 def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
     """Print for each input whether it would run; return the exit code."""
     counts = {"run": 0, "skip": 0, "refuse": 0}
+    failures = list(plan.failures)
     for task in tasks:
+        if is_missing(task.name):
+            reason = "no such file; check the path"
+            failures.append(Failure(task.name, "", ExitCode.NOTHING_READ, f"{task.name}: {reason}"))
+            continue
         try:
             state = "run" if exists_already(task) is None else "skip"
         except OutputError:
@@ -295,7 +300,6 @@ def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
         counts[state] += 1
         table = task.outputs and task.outputs.csv
         click.echo(f"{state}\t{printable(task.name)}\t{printable(str(table))}")
-    failures = plan.failures
     for failure in failures:
         say(f"oppload: {failure.message}")
     refused = ", which have results: see --if-exists" if counts["refuse"] else ""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import ManifestError, ParameterError, nearest, suggestion
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
-from oppload_cli.files.tables import separator_hint
+from oppload_cli.files.tables import EMPTY_CELLS, separator_hint
 from oppload_cli.models.detector import Box
 from oppload_cli.schema import parsed_fraction
 from oppload_cli.video.inputs import checked_rate
@@ -132,6 +132,9 @@ def _entry(
     if len(cells) != len(header):
         raise _RowError(f"has {len(cells)} cells, not {len(header)}; give one for each column")
     row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
+    for column in ("onset_frame", "contact_frame", "true_rate"):
+        if row.get(column) in EMPTY_CELLS:
+            row[column] = ""
     if not row["file"]:
         raise _RowError("names no file; fill in its column 'file'")
     path = manifest.parent / row["file"]

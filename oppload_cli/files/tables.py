@@ -190,6 +190,9 @@ def refuse_another_table(path: Path, columns: Sequence[str]) -> None:
         )
 
 
+EMPTY_CELLS = ("", "NA", "NaN", "nan")  # as oppload, R, MATLAB and NumPy write a missing number
+
+
 def separator_hint(header: Sequence[str]) -> str:
     """Return a hint, for messages, if other characters than commas separate the columns."""
     # As spreadsheets write in many countries, or as they copy cells.

@@ -11,7 +11,7 @@ import pandas as pd
 
 from oppload_cli.errors import ResultError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
-from oppload_cli.files.tables import rows_in, separator_hint
+from oppload_cli.files.tables import EMPTY_CELLS, rows_in, separator_hint
 from oppload_cli.results.table import DETECTIONS, SIDECAR, TABLE
 from oppload_cli.video.inputs import is_video
 
@@ -34,7 +34,7 @@ LARGEST = 1e30
 def read_table(
     path: Path, advice: str, wanted: Callable[[str], bool] | None = None
 ) -> pd.DataFrame:
-    """Read a table without checking its cells; empty cells are NaN.
+    """Read a table without checking its cells; cells that are empty, NA or NaN are NaN.
 
     Parameters
     ----------
@@ -61,10 +61,21 @@ def read_table(
     if path.suffix in {".json", ".jsonl", ".toml"} and is_there(path):
         raise ResultError(f"{path}: is not a CSV table; {advice}")
     with reading(path, ResultError, form="text in UTF-8", check=check, repair=advice):
+        hint = separator_hint([_first_line(path)])
+        if hint:
+            raise ResultError(f"{path}: is not a CSV table{hint}; save it with commas")
         table = _parsed(path, advice, wanted)
     if table.empty and len(table.columns):  # without columns, the caller names a missing column
         raise ResultError(f"{path}: holds no row; run the input again")
     return table
+
+
+def _first_line(path: Path) -> str:
+    """Return the names of a table's columns, up to the first comma; empty for a pipe."""
+    if not is_file(path):  # a pipe can be read only once
+        return ""
+    with path.open(encoding="utf-8-sig") as file:
+        return file.readline(1 << 16).partition(",")[0]
 
 
 def _parsed(path: Path, advice: str, wanted: Callable[[str], bool] | None) -> pd.DataFrame:
@@ -74,10 +85,11 @@ def _parsed(path: Path, advice: str, wanted: Callable[[str], bool] | None) -> pd
     else:  # a pipe, which can be read only once
         source, rows = StringIO(text_of(path, pipes=True)), None
     try:
-        # Only empty cells count as missing. The word "nan" is an error in a result.
-        return pd.read_csv(
-            source, keep_default_na=False, na_values=[""], usecols=wanted, nrows=rows
+        table = pd.read_csv(
+            source, keep_default_na=False, na_values=EMPTY_CELLS, usecols=wanted, nrows=rows
         )
+        # R and pandas write the numbers of the rows first, under no name.
+        return table.drop(columns="Unnamed: 0", errors="ignore")
     except UnicodeDecodeError:
         raise
     except ValueError as error:  # all errors of pandas' parser are ValueErrors
@@ -169,5 +181,4 @@ def need_columns(path: Path, table: pd.DataFrame, columns: Sequence[str], advice
     """Raise a ResultError that names the first missing column, if one is missing."""
     for name in columns:
         if name not in table.columns:
-            hint = separator_hint(list(table.columns))
-            raise ResultError(f"{path}: has no column '{name}'{hint}; {advice}")
+            raise ResultError(f"{path}: has no column '{name}'; {advice}")

@@ -27,6 +27,7 @@ from oppload_cli.video.declared import (
     declared_end,
     declared_frames,
     declared_rate,
+    hidden_frames,
     is_rate_assumed,
     orientation_of,
     video_streams,
@@ -193,6 +194,17 @@ class ContainerSource(PictureSource):
             self.decode.note(
                 f"the pictures are HDR ({curve}), whose contrast as coded is low, and so are "
                 "responses; convert them to SDR first"
+            )
+        turn = self._first.rotation
+        if abs(turn - 90 * round(turn / 90)) > 1:
+            self.decode.note(
+                f"the file asks for a turn by {turn} degrees, which is left out: only quarter "
+                "turns are made"
+            )
+        if hidden := hidden_frames(self._stream):
+            verb = "is" if hidden == 1 else "are"
+            self.decode.note(
+                f"{counted(hidden, 'frame')} that an edit list of the file hides {verb} not read"
             )
         self.decode.missing = self._missing()
         if corrupt := self.decode.corrupt:

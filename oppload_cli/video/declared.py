@@ -103,6 +103,13 @@ def declared_frames(stream: VideoStream) -> int | None:
     return (stream.frames or None) if kind.startswith(("mov", "gif", "apng")) else None
 
 
+def hidden_frames(stream: VideoStream) -> int:
+    """Return the number of frames that an edit list of an MP4 or MOV file hides."""
+    if not stream.container.format.name.startswith("mov"):
+        return 0
+    return sum(entry.is_discard for entry in stream.index_entries)
+
+
 def declared_end(container: InputContainer, stream: VideoStream) -> float | None:
     """Return the declared end of a stream in seconds, on the clock of its frames.
 

@@ -213,8 +213,9 @@ def is_video(name: str) -> bool:
 
 
 def is_camera(name: str) -> bool:
-    """Return whether a name means a camera; a file with such a name is written ./camera:0."""
-    return name.startswith("camera:")
+    """Return whether a name means a camera; a file of the name camera:0 is written ./camera:0."""
+    number = name.removeprefix("camera:")
+    return number != name and (number.isdigit() or not is_there(name))
 
 
 def is_address(name: str) -> bool:
@@ -319,6 +320,16 @@ def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
     parts = re.split(r"([0-9]+)", path.name)  # text, number, text, ...
     order = [(int(part), "") if index % 2 else (-1, part) for index, part in enumerate(parts)]
     return order, path.name
+
+
+def is_missing(name: str) -> bool:
+    """Return whether a name means a file, a folder or images that do not exist."""
+    if is_camera_or_stream(name) or is_there(stack_and_key(name)[0]):
+        return False
+    try:
+        return not (NUMBER.search(Path(name).name) and image_paths(name))
+    except SourceError:
+        return True
 
 
 def bytes_of(name: str) -> int | None:

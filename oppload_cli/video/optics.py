@@ -129,10 +129,14 @@ class Optics:
 def parse_fov(value: str | float) -> float:
     """Return a field of view in degrees across the width of the frame.
 
-    Raises ParameterError unless `value` is a number above 0 and below 180.
+    A text may end in ``deg`` or a degree sign. Raises ParameterError unless `value` is a number
+    above 0 and below 180.
     """
+    number = value
+    if isinstance(value, str):
+        number = value.strip().removesuffix("\N{DEGREE SIGN}").removesuffix("deg")
     try:
-        degrees = math.nan if isinstance(value, bool) else float(value)
+        degrees = math.nan if isinstance(value, bool) else float(number)
     except (TypeError, ValueError, OverflowError):
         degrees = math.nan
     if not 0 < degrees < 180:

@@ -155,7 +155,7 @@ class Span:
 
 
 def parse_position(text: str) -> Position:
-    """Return the position that a text means: seconds, a frame such as ``f300``, or ``00:01:02.5``.
+    """Return the position of a text: seconds ``12.5`` or ``12.5s``, a frame ``f300``, a clock.
 
     Raises ParameterError for any other text.
     """
@@ -166,7 +166,7 @@ def parse_position(text: str) -> Position:
         hours, minutes, seconds = clock.groups(default="0")
         return Position(seconds=int(hours) * 3600 + int(minutes) * 60 + float(seconds))
     try:
-        return Position(seconds=float(text))
+        return Position(seconds=float(text.removesuffix("s")))
     except ValueError as error:  # ParameterError is one too
         raise ParameterError(
             f"'{text}' is no position; write seconds (12.5), a frame (f300) or a clock (00:01:02.5)"

@@ -218,6 +218,16 @@ def test_every_input_failing_is_no_success(tmp_path: Path) -> None:
     assert len((tmp_path / "out" / "failures.csv").read_text().splitlines()) == 3
 
 
+def test_a_dry_run_says_which_inputs_do_not_exist(clips: Path, tmp_path: Path) -> None:
+    names = (next(clips.glob("*.avi")), "away.mp4", "frames_%04d.png")
+    plan = oppload("run", *names, "-o", tmp_path / "out", "--dry-run")
+    assert plan.returncode == 4
+    assert plan.stdout.count("\n") == 1
+    assert "away.mp4: no such file; check the path" in plan.stderr
+    assert "3 inputs: 1 to run, 0 to skip, 2 not possible, 0 to refuse" in plan.stderr
+    assert oppload("run", "away.mp4", "--dry-run").returncode == 3
+
+
 def test_a_dry_run_prints_the_plan_and_makes_nothing(clips: Path, tmp_path: Path) -> None:
     names = "\0".join(str(clips / f"clip{number}.avi") for number in (2, 1, 2))
     (tmp_path / "list").write_text(names + "\0")

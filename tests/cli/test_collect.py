@@ -290,7 +290,7 @@ def test_without_pyarrow(results: Path, tmp_path: Path, monkeypatch: pytest.Monk
         (lambda lines: [*lines, lines[1]], "holds 25 complete rows, but its run wrote 24"),
         (lambda lines: put(lines, "text"), "column 'frame' holds 'text' in line 10, which is"),
         (lambda lines: put(lines, "8.5"), "holds '8.5' in line 10, which is not a whole number"),
-        (lambda lines: put(lines, "nan"), "'frame' holds 'nan' in line 10, which is not a finite"),
+        (lambda lines: put(lines, "NaN"), "column 'frame' is empty in line 10"),
         (lambda lines: put(lines, "8,1,2"), "CSV table (line 10 has 27 cells, not 25); run its"),
         (lambda lines: put(lines, "2"), "holds '2' in line 10, which is not above the value in"),
         (

@@ -40,14 +40,13 @@ def emptied(name: str) -> list[Row]:
         (  # of a spreadsheet
             [{"frame;time_s": "0;0"}],
             [],
-            "has no column 'frame' (its cells are separated by semicolons, not by commas); give a",
+            "is not a CSV table (its cells are separated by semicolons, not by commas); save it",
         ),
         (without("time_s"), [], "has no column 'time_s'"),
         (without("opplod_response", "dlgmd_response"), [], "has no column 'opplod_response'"),
         (without("dlgmd_response"), ["--model", "dlgmd"], "has no column 'dlgmd_response'"),
         (frame_rows()[:1], [], "column 'frame' holds one row"),
         (frame_rows()[:3], [], "column 'opplod_response' is empty in every"),  # warm-up only
-        (changed(9, "dlgmd_response", "nan"), [], "'dlgmd_response' holds 'nan' in line 11"),
         (changed(9, "opplod_response", "inf"), [], "holds 'inf' in line 11"),
         (changed(4, "opplod_response", "much"), [], "holds 'much' in line 6"),
         (changed(4, "time_s", ""), [], "column 'time_s' is empty in line 6"),

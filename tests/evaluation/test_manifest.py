@@ -54,13 +54,13 @@ def test_the_rows_of_a_manifest(folder: Path) -> None:
 
 
 def test_the_true_rate_of_a_clip(folder: Path) -> None:
-    rows = "a.avi,none,,,30000/1001", "b.avi,none,,,", "c.avi,none,,,fast"
+    rows = "a.avi,none,NA,NaN,30000/1001", "b.avi,none,,,NA", "c.avi,none,,,fast"
     found = read_manifest(written(folder, *rows, header=f"{HEADER},true_rate"))
     assert [entry.true_rate for entry in found.entries] == [Fraction(30000, 1001), None]
     (fault,) = found.faults
     assert "row 4: c.avi: true_rate must be the frames/s of the camera, such as 500" in fault
     assert found.notes == ()
-    for rate in ("0", "-3", "1/0", "1e9", "nan"):
+    for rate in ("0", "-3", "1/0", "1e9", "inf"):
         wrong = written(folder, f"a.avi,none,,,{rate}", header=f"{HEADER},true_rate")
         assert f"not '{rate}'" in read_manifest(wrong).faults[0]
 

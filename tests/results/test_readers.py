@@ -10,8 +10,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
+import oppload_cli
 from oppload_cli import stimulus
 from tests.cli.inside import oppload
 
@@ -129,3 +131,42 @@ def test_octave_reads_them(results: Path) -> None:
     numbers = f"{len(lines)} {json.loads(lines[0])['frame']} {summary['frames']}"
     expected = f"first alarm at {first_alarm(results):.2f} s\n{numbers} "
     assert done.stdout == expected, done.stderr
+
+
+def written_back(table: Path, by: str) -> Path:
+    """Write a table as R's write.csv, MATLAB's writetable or pandas do."""
+    with table.open(newline="") as file:
+        header, *rows = list(csv.reader(file))
+    empty = {"R": "NA", "MATLAB": "NaN", "pandas": ""}[by]
+    texts = {index for index, name in enumerate(header) if name in TEXTS}
+    filled = [
+        [value or ("" if by == "MATLAB" and at in texts else empty) for at, value in enumerate(row)]
+        for row in rows
+    ]
+    if by != "MATLAB":  # both write the numbers of rows first, under no name
+        header = ["", *header]
+        filled = [[str(number), *row] for number, row in enumerate(filled, by == "R")]
+    place = table.parent / by / table.name
+    place.parent.mkdir(exist_ok=True)
+    with place.open("w", newline="") as file:
+        quoting = csv.QUOTE_NONNUMERIC if by == "R" else csv.QUOTE_MINIMAL
+        csv.writer(file, quoting=quoting).writerow(header)
+        csv.writer(file, lineterminator="\n").writerows(filled)
+    shutil.copy(table.with_name(table.name.replace(".frames.csv", ".oppload.json")), place.parent)
+    return place
+
+
+@pytest.mark.parametrize("by", ["R", "MATLAB", "pandas"])
+def test_tables_that_other_programs_write_back_are_read(by: str, results: Path) -> None:
+    place = written_back(results / "a.frames.csv", by)
+    given, found = (
+        oppload_cli.read_result(path).frames for path in (results / "a.frames.csv", place)
+    )
+    for name in given.columns:
+        pd.testing.assert_series_equal(given[name], found[name], check_dtype=False)
+    figure = place.with_suffix(".png")
+    assert oppload("plot", place, "-o", figure).returncode == 0
+    assert figure.exists()
+    assert oppload("report", place, "-o", place.parent).returncode == 0
+    collected = oppload("collect", place.parent, "-o", place.parent / "all.csv", "--frames")
+    assert collected.returncode == 0, collected.stderr

@@ -110,6 +110,7 @@ def test_frames_that_an_edit_list_hides_are_not_missed(tmp_path: Path) -> None:
         frames = list(video)
         assert len(frames) == video.facts.frames_declared == 8
         assert video.decode.complete
+    assert any("frames that an edit list of the file hides" in m for m in video.decode.messages)
     assert float(frames[0].luma[:, :24].mean()) == pytest.approx(level(4), abs=0.01)
 
 

@@ -337,6 +337,15 @@ def test_the_orientation_is_that_of_the_display(
     np.testing.assert_array_equal(frame.colour[:, :, 1] > 128, bright)
 
 
+def test_a_turn_by_another_angle_is_left_out_with_a_remark(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mp4", grey_frames(3), codec="libx264", pixel_format="yuv420p")
+    half = round(ONE / 2**0.5)
+    with open_video(turned(path, (half, half, 0, -half, half, 0, 0, 0, 1 << 30))) as video:
+        assert len(list(video)) == 3
+        assert video.facts.rotation == 0
+        assert "a turn by -45 degrees, which is left out" in video.decode.messages[0]
+
+
 def test_jpeg_with_exif_is_turned_as_it_says(tmp_path: Path) -> None:
     """PyAV does not know this kind of data, and fails on all data of such a frame."""
     image = np.full((48, 64), 40, np.uint8)

@@ -13,6 +13,11 @@ WIDE = Optics.of_fov(400, 200, 90)  # a focal length of 200 px
 FLAT = Optics.of_display({"width": 360, "pixels_per_degree": 5, "projection": "flat"}, 720, 720)
 
 
+@pytest.mark.parametrize("text", ["60", "60.0", "60deg", "60\N{DEGREE SIGN}", " 60 deg"])
+def test_a_field_of_view_may_have_a_unit(text: str) -> None:
+    assert parse_fov(text) == 60
+
+
 def test_the_width_spans_the_field_of_view() -> None:
     assert WIDE.degrees(400) == pytest.approx(90)
     assert WIDE.pixels(90) == pytest.approx(400)

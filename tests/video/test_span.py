@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     ("text", "position"),
     [
         ("f300", Position(frame=300)),
+        ("12.5s", Position(seconds=12.5)),
         ("12.5", Position(seconds=12.5)),
         ("00:01:02.5", Position(seconds=62.5)),
         ("2:03", Position(seconds=123)),
