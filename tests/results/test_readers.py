@@ -149,8 +149,7 @@ def written_back(table: Path, by: str) -> Path:
     place = table.parent / by / table.name
     place.parent.mkdir(exist_ok=True)
     with place.open("w", newline="") as file:
-        quoting = csv.QUOTE_NONNUMERIC if by == "R" else csv.QUOTE_MINIMAL
-        csv.writer(file, quoting=quoting).writerow(header)
+        file.write(",".join(f'"{name}"' for name in header) + "\n")  # as R does
         csv.writer(file, lineterminator="\n").writerows(filled)
     shutil.copy(table.with_name(table.name.replace(".frames.csv", ".oppload.json")), place.parent)
     return place
