@@ -29,7 +29,6 @@ _Paint = tuple[int, int, int]  # blue, green, red
 DARK, _DIM, _WHITE = bgr(INK), bgr(FAINT), (255, 255, 255)
 _CAPITAL = 0.7  # height of a capital letter over that of the line
 _WINDOW_S = 5.0  # the time that the strip shows
-_GRID, _SHADE = (215, 215, 215), (236, 236, 236)  # lines, and the ground while an alarm is on
 _DECADES = 4  # that the plot shows
 _FINE = 4  # binary digits of a fraction of a pixel, in OpenCV's coordinates
 _FURTHEST = 20_000  # px; points farther away from the plot are moved to this distance
@@ -252,7 +251,7 @@ class Strip:
             if point.alarm:
                 first = math.floor(self.column_of(point.time_s))
                 last = math.ceil(self.column_of(following.time_s))
-                plot[:, max(0, first) : max(0, last + 1)] = _SHADE
+                plot[:, max(0, first) : max(0, last + 1)] = 236  # light grey
 
     def _curve(self, plot: Bgr, points: list[_Point], paint: _Paint) -> None:
         """Draw lines between the ratios, thick in an alarm, and a dot at the latest point."""
@@ -336,7 +335,7 @@ def _grid(canvas: Bgr, layout: Layout, scale: _Scale) -> None:
     plot = canvas[layout.plot.slices]
     for level, name in scale.levels.items():
         row, line = round(layout.level_row(10.0**level, scale)), layout.line if level == 0 else 1
-        plot[row - line // 2 : row - line // 2 + line] = DARK if level == 0 else _GRID
+        plot[row - line // 2 : row - line // 2 + line] = DARK if level == 0 else 215  # light grey
         x = layout.plot.x - layout.text // 2 - _width_of(name, layout.text)
         ink = DARK if level == 0 else _DIM
         _write(canvas, name, (x, layout.plot.y + row), layout.text, ink)

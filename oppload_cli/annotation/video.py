@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from oppload_cli.video.writers import Bgr
 
 
-_AHEAD = 4  # frames that wait to be encoded
-
-
 class _Frames:
     """Passes the frames of a video on to the detectors, and keeps their pictures."""
 
@@ -92,7 +89,7 @@ class AnnotatedVideo:
 
     def write(self, record: FrameRecord) -> None:
         """Take the record of the next frame."""
-        self._await(_AHEAD)
+        self._await(4)
         picture = self.frames.picture()
         self._waiting.append(self._thread.submit(self._encode, picture, record))
 

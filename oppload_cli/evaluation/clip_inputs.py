@@ -29,11 +29,6 @@ if TYPE_CHECKING:
     Table = dict[str, Any]
 
 
-_FOOTAGE = {
-    "scene.background_fit": "cover",
-    "scene.background_rate": "own",
-    "scene.background_end": "loop",
-}
 _CAMERA = {"pan_deg_s": "pan", "shake_deg": "shake", "forward_m_s": "forward"}
 
 
@@ -123,9 +118,14 @@ def _protocols_of(
     """
     entries = [entry.with_settings(settings) for name in names for entry in stimulus.find(name)]
     if backgrounds:
-        videos = {"scene.background": [str(path) for path in backgrounds], **_FOOTAGE}
+        footage = {
+            "scene.background": list(backgrounds),
+            "scene.background_fit": "cover",
+            "scene.background_rate": "own",
+            "scene.background_end": "loop",
+        }
         fits = [entry for entry in entries if _takes_footage(entry.table)]
-        entries = [entry.with_settings(videos) for entry in fits]
+        entries = [entry.with_settings(footage) for entry in fits]
         if not entries:
             raise StimulusError(
                 f"--background: none of {', '.join(names)} has a background and a camera at rest; "

@@ -86,7 +86,10 @@ def evaluate(
     if not clips:
         # The command has printed the faults of the manifest, so the error names those of the clips.
         # It names a fault of many clips, such as a background that is missing, only once.
-        shown = [f"row {first}{_others(more)}: {fault}" for fault, (first, *more) in rows.items()]
+        shown = [
+            f"row {first}" + f" and {counted(len(more), 'other row')}" * bool(more) + f": {fault}"
+            for fault, (first, *more) in rows.items()
+        ]
         shown = shown or [fault.removeprefix(f"{manifest.path}: ") for fault in faults]
         reasons = shown[:_MOST_REASONS]
         if len(shown) > _MOST_REASONS:
@@ -105,10 +108,6 @@ def evaluate(
     return Evaluation(
         manifest, list(detectors), entries, clips, performances, measurements, faults, draws
     )
-
-
-def _others(rows: Sequence[int]) -> str:
-    return f" and {counted(len(rows), 'other row')}" if rows else ""
 
 
 class _Analysed(NamedTuple):

@@ -119,7 +119,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
         "1 per minute, these clips": AT_ONE,
         "1 per minute, held out": f"{HELD_OUT} {AT_ONE}",
     }
-    labels = {detector.name: full_label(detector.name) for detector in evaluation.detectors}
+    labels = _labels(evaluation)
     wide = max(map(len, (*rules, *labels.values())))
     for title, condition in rules.items():
         yield f"{title:<{wide}}  {'detected':<24}{'lead (s)':<10}false alarms per minute"
@@ -169,7 +169,7 @@ def _by_footage(
     if len(kinds) < 3 or any(measure == "alarmed_share" for _, measure, _ in measured):
         return  # stimuli have shares of clips by kind
     yield "false alarms per minute by kind of motion, alarm as shipped; 95 % intervals in brackets"
-    labels = {detector.name: full_label(detector.name) for detector in evaluation.detectors}
+    labels = _labels(evaluation)
     width, wide = max(map(len, kinds)), 22
     yield "  ".join([" " * width, *(f"{label:<{wide}}" for label in labels.values())]).rstrip()
     for kind in kinds:
@@ -193,7 +193,7 @@ def _by_kind(
         return
     yield "share of clips with a false alarm, at 1 per minute"
     width = max(map(len, kinds))
-    labels = {detector.name: full_label(detector.name) for detector in evaluation.detectors}
+    labels = _labels(evaluation)
     yield "  ".join([" " * width, *labels.values()])
     for kind in kinds:
         cells = [
@@ -217,6 +217,10 @@ def _of_battery(battery: Evaluation) -> Iterator[str]:
             f"{_of(found.controls_alarmed, found.controls):<10}{number(found.auc):<7}"
             f"{number(found.cost_ms):<10}{largest}"
         )
+
+
+def _labels(evaluation: Evaluation) -> dict[str, str]:
+    return {detector.name: full_label(detector.name) for detector in evaluation.detectors}
 
 
 def _of(count: int | None, total: int) -> str:

@@ -30,8 +30,8 @@ SCALES = ("threshold", "peak", "raw")
 FLOOR = 0.01  # of the threshold; smaller responses are drawn at this level
 _HEADROOM = 1.25  # upper end of an axis over the peak
 # Lengths as shares of a panel's width or height.
-_ROW, _ROW_POINTS = 0.066, 7.5  # height of a row of labels, and the same in points
-_BAR, _BAR_STEP = 0.97, 0.035  # height of an alarm's highest bar, and from a bar to the next one
+_ROW = 0.066  # height of a row of labels; 7.5 points
+_BAR_STEP = 0.035  # from the bar of an alarm to the next one
 NOT_DOTTED = "no dotted line: threshold above the panel"
 
 
@@ -70,7 +70,7 @@ class CurveOptions:
         Curves without an alarm have no bar.
         """
         alarming = [curve for curve in curves if self.bars and curve.alarms()]
-        return {curve: _BAR - _BAR_STEP * order for order, curve in enumerate(alarming)}
+        return {curve: 0.97 - _BAR_STEP * order for order, curve in enumerate(alarming)}
 
     def scale_of(self, curves: Sequence[Curve]) -> str:
         """Return the scale of a panel: ``peak`` in place of ``threshold`` if a curve has none."""
@@ -395,7 +395,7 @@ def _write_mark(
     right = place.left >= share
     axes.annotate(
         text, (share, top), xycoords="axes fraction",
-        xytext=(2 if right else -2, -1 - _ROW_POINTS * place.row), textcoords="offset points",
+        xytext=(2 if right else -2, -1 - 7.5 * place.row), textcoords="offset points",
         ha="left" if right else "right", va="top", fontsize=6, color=style.INK,
         rotation=90 if upright else 0,
     )  # fmt: skip

@@ -60,10 +60,14 @@ _GENERATOR = f"oppload {__version__}"
 _SPARK = (240, 48)  # width and height of a small curve in the index, in units of its drawing
 MANY_FRAMES, SIDE_OF_MANY = 9000, 720  # longer videos have smaller copies, with sides up to 720 px
 MOST_EMBEDDED = 16 << 20  # bytes; a larger copy is a file beside the page
-# A key frame every 15 frames: for a step backwards, the browser decodes at most 15 frames.
-# With look-ahead, the encoder sometimes gives other bytes for the same frames.
-_X264 = "rc-lookahead=0:mbtree=0"
-_CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _X264}
+_CODEC = {
+    "preset": "superfast",
+    "crf": "25",
+    "bf": "0",
+    "g": "15",  # a key frame every 15 frames, which the browser decodes for a step backwards
+    # With look-ahead, the encoder sometimes gives other bytes for the same frames.
+    "x264-params": "rc-lookahead=0:mbtree=0",
+}
 
 
 class _IndexRow(NamedTuple):
