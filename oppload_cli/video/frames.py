@@ -194,6 +194,18 @@ class DecodeFacts:
         if len(self.messages) < 5 and message not in self.messages:
             self.messages.append(message)
 
+    def note_few_bits(self, brightest: int) -> None:
+        """Note that pictures of 16 bits, of which `brightest` is the largest value, use few."""
+        bits = brightest.bit_length()
+        if 0 < bits <= _FEW_BITS:
+            self.note(
+                f"no value is above {brightest} of 65535, so that responses are low; if the "
+                f"pictures have {bits} bits, scale them to 16 first"
+            )
+
+
+_FEW_BITS = 14  # of 16: values that need no more use at most a quarter of the range
+
 
 def no_true_rate(name: str, reason: str) -> SourceError:
     """Return the error of an input whose rate no true rate can replace."""

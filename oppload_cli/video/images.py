@@ -52,7 +52,6 @@ _GAP = 1.5  # images are missing if a step between two numbers is at least 1.5 u
 # A camera may fail once, for example if USB loses a packet; so its reading is tried again.
 _RETRY_S, _PAUSE_S = 1.0, 0.01  # in all, and between two readings
 _MOST_LATE_S = 1.0  # a time of the driver further from that of arrival is no time of the picture
-_FEW_BITS = 14  # of 16: values that need no more use at most a quarter of the range
 _DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # Pillow's modes with 16 bits
 
 
@@ -107,12 +106,7 @@ class ImageSource(PictureSource):
 
     def finish(self) -> None:
         """Note that images of 16 bits use few of them."""
-        bits = self._brightest.bit_length()
-        if 0 < bits <= _FEW_BITS:
-            self.decode.note(
-                f"no value is above {self._brightest} of 65535, so that responses are low; if the "
-                f"images have {bits} bits, scale them to 16 first"
-            )
+        self.decode.note_few_bits(self._brightest)
 
     def _size_of_first(self) -> tuple[int, ...]:
         """Return the rows and columns of the first image that can be read."""

@@ -64,7 +64,7 @@ class StackSource(PictureSource):
             assumed, self._rate = rate is None, rate or USUAL_RATE
         else:
             self._rate = self._stack.rate or Fraction(0)
-        self._first = first
+        self._first, self._brightest = first, 0
         self.facts = InputFacts(
             name=name,
             kind="images" if time_s is None else "container",
@@ -91,6 +91,8 @@ class StackSource(PictureSource):
                     time = ticks(time_s - start_s)
                 luma, colour = _luma_and_colour(values, f"{self.facts.name}: picture {index}")
                 bits = self._stack.bits or 8 * luma.itemsize
+                if bits == 16:
+                    self._brightest = max(self._brightest, int(luma.max()))
                 self.decode.decoded += 1
                 yield Picture(index, time, luma, bits, original=colour)
         except EarlyEndError:
@@ -99,7 +101,8 @@ class StackSource(PictureSource):
             self.decode.failed(reason_of(error))
 
     def finish(self) -> None:
-        """Count the declared pictures that never came."""
+        """Count the declared pictures that never came, and note that 16 bits are hardly used."""
+        self.decode.note_few_bits(self._brightest)
         self.decode.missing = max(0, (self._stack.count or 0) - self.decode.decoded)
 
     def close(self) -> None:

@@ -229,6 +229,14 @@ def test_a_wrong_stack_is_refused_in_a_sentence(name: str, tmp_path: Path) -> No
         list(open_video(tmp_path / name, image_rate=30))
 
 
+def test_a_stack_that_uses_few_of_its_bits_gets_a_remark(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", stack().astype(np.uint16) * 16)  # 12 bits
+    with open_video(tmp_path / "a.npy", image_rate=30) as video:
+        assert len(list(video)) == COUNT
+        (remark,) = video.decode.messages
+    assert "if the pictures have 12 bits, scale them to 16 first" in remark
+
+
 def test_a_stack_with_times_takes_no_other_rate(tmp_path: Path) -> None:
     write_fmf(tmp_path / "a.fmf")
     with pytest.raises(SourceError, match="it has the times of its camera"):
