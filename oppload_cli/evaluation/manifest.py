@@ -27,10 +27,11 @@ if TYPE_CHECKING:
 
 
 _REQUIRED = ("file", "label", "onset_frame", "contact_frame")
-_IGNORED = ("fps", "frames", "width", "height", "source", "licence")
-_KNOWN = (*_REQUIRED, "motion", "true_rate", *_IGNORED)
+_KNOWN = (
+    *(*_REQUIRED, "motion", "true_rate"),
+    *("fps", "frames", "width", "height", "source", "licence"),  # not read
+)
 _LOOMING, _NONE = "looming", "none"
-_USUAL_BOXES = "boxes.json"
 STIMULI = Path("stimuli")  # in place of the path of a manifest
 
 
@@ -210,7 +211,7 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
         manifest does not have.
     """
     shared = path is None
-    path = path or manifest.path.with_name(_USUAL_BOXES)
+    path = path or manifest.path.with_name("boxes.json")
     if shared and not is_file(path):
         return manifest
     content = _content(path)

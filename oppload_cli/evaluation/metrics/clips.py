@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     Positions = NDArray[np.int64]  # of clips, or numbers of videos
 
 
-_UNSTATED = "not stated"
-_BEFORE = "before an approach"
 WINDOW_S = 1.0
 LEAST_S = 0.5  # a remaining part of a clip that is at least this long is also a window
 EPSILON_S = 1e-6  # tolerance for times, which are rounded
@@ -64,7 +62,7 @@ class Label:
     @property
     def kind(self) -> str:
         """The kind of motion of the clip's footage without an approach."""
-        return _BEFORE if self.looming else self.motion or _UNSTATED
+        return "before an approach" if self.looming else self.motion or "not stated"
 
 
 @dataclass(frozen=True)
