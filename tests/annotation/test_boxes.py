@@ -78,22 +78,6 @@ def test_the_first_is_drawn_over_the_others() -> None:
     assert painted(mixed, PAINT)[160:164, 400].all()  # the thick line of the alarm
 
 
-def test_the_label_stands_above_or_inside_and_never_beyond() -> None:
-    above = painted(drawn((100, 80, 120, 60), alarm=True), PAINT)
-    assert above[138, 200:270].all()
-    assert not above[134, 200:270].any()
-    inside = painted(drawn((100, 5, 120, 60), alarm=True), PAINT)
-    assert inside[32, 205:265].all()
-    right = painted(drawn((425, 80, 60, 60), alarm=True), PAINT)
-    assert right[138, -70:].all()
-
-
-def test_without_an_alarm_the_label_is_on_white() -> None:
-    canvas = drawn((100, 80, 120, 60))
-    assert (canvas[138, 200:230] == 255).all()
-    assert painted(canvas, PAINT)[138:158, 200:230].any()  # the number
-
-
 def test_the_label_tells_the_time_to_contact_where_it_is_known(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

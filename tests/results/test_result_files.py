@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from oppload_cli.errors import ResultError
 from oppload_cli.results.cells import check_numbers
-from oppload_cli.results.result_files import frame_ends, read_result
+from oppload_cli.results.result_files import BaseResult, frame_ends, known_threshold, read_result
 from oppload_cli.results.tuning import read_tuning
 from tests.results.make import frame_rows, write_rows, write_tuning
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 
 @pytest.mark.parametrize(
@@ -111,3 +112,14 @@ def test_a_detector_that_a_result_lacks_is_answered_with_those_it_has(tmp_path: 
         result.need(["opplod_response", "lgmd2_response"])
     with pytest.raises(ResultError, match=r"no column 'x'; give a frames\.csv of 'oppload run'"):
         result.need(["x"])
+
+
+def test_the_threshold_is_that_of_the_table_and_unknown_without_a_column() -> None:
+    frames = pd.DataFrame(
+        {"time_s": np.arange(4) * 0.1, "opplod_threshold": [0.25, np.nan, 0.0, 2.0]}
+    )
+    result = BaseResult(Path("clip.frames.csv"), frames, {})
+    threshold = known_threshold(result, "opplod")
+    assert threshold is not None
+    np.testing.assert_allclose(threshold, [0.25, np.nan, np.nan, 2.0])
+    assert known_threshold(result, "dlgmd") is None
