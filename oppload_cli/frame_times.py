@@ -27,7 +27,7 @@ _GAP_S = 0.5  # a longer time without a frame gives a remark; alarms begin anew 
 _MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps
 _USUAL = 0.5  # a step is usual if it differs from the median by at most this share of the median
 _ROUNDED = TICKS_PER_S // 1000  # to which the times of an input without a known tick may be rounded
-_LATEST_STEPS = 15  # a wrong time is replaced by the median of the latest 15 steps
+LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps
 _CONTRADICTION = 0.1  # a larger relative difference from the declared rate gives a remark
 # At a mean of less than 100 frames/s no camera takes pictures less than 5 ms apart. Frames that
 # come so, if they are a larger share and more than a few, have the times of their arrival.
@@ -85,7 +85,7 @@ class FrameTimes:
         self._declared = Fraction(rate) if rate and 0 < rate < math.inf else None
         self._tick = max(1, ticks(tick_s or 0))
         self._steps: list[int] = []
-        self._latest: deque[int] = deque(maxlen=_LATEST_STEPS)
+        self._latest: deque[int] = deque(maxlen=LATEST_STEPS)
         self._corrected = self._given = 0  # times of the latest frame
         self._first = self._shift = self._longest = self._gap_from = 0
         self._slow = 0  # time in which the usual rate was below `_LEAST_RATE`
@@ -138,7 +138,7 @@ class FrameTimes:
         self._count(step)
         # The usual step is counted instead of the step, which may be a pause of hours.
         usual = median_low(self._latest)
-        if len(self._latest) == _LATEST_STEPS and usual * _LEAST_RATE > TICKS_PER_S:
+        if len(self._latest) == LATEST_STEPS and usual * _LEAST_RATE > TICKS_PER_S:
             self._slow += usual
         return now
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.frame_times import ticks
+from oppload_cli.frame_times import LATEST_STEPS, ticks
 from oppload_cli.models.registry import detector_named, known_names
 from oppload_cli.models.timebase import REFERENCE_INTERVAL, Background
 from oppload_cli.schema import Parameters, parameter
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
 
 
-_LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps between frames
 _FIRST_STEP = ticks(0.1)  # the usual step before any step is known
 _INTERVAL = ticks(Fraction(REFERENCE_INTERVAL))
 _GAP = 2.5  # a step longer than 2.5 usual steps is a gap: two frames or more are missing
@@ -204,7 +203,7 @@ class _Steps:
 
     def __init__(self) -> None:
         self.before: int | None = None  # time of the frame before
-        self._latest: deque[int] = deque(maxlen=_LATEST_STEPS)
+        self._latest: deque[int] = deque(maxlen=LATEST_STEPS)
 
     def gap(self, time: int) -> int:
         """Return the time since the frame before if frames are missing in between, else 0."""

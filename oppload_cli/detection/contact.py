@@ -15,8 +15,6 @@ from oppload_cli.schema import Parameters, parameter
 if TYPE_CHECKING:
     from oppload_cli.motion.growth import LocalMotion
 
-_MOST_SAMPLES = 256  # largest number of growths kept, for very high frame rates
-
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceParams(Parameters):
@@ -95,7 +93,7 @@ class Contact:
 
     def __init__(self, params: PlaceParams) -> None:
         self._params = params
-        self._samples: deque[tuple[float, float, float]] = deque(maxlen=_MOST_SAMPLES)
+        self._samples: deque[tuple[float, float, float]] = deque()
 
     def add(self, time_s: float, passed_s: float, motion: LocalMotion) -> None:
         """Take a measured growth.
