@@ -56,18 +56,9 @@ class OpplodLplc2Params(UnitParams):
     20.0
     """
 
-    field_share: float = parameter(
-        5 / 6,
-        "side of the receptive field as a share of the working height, if receptive_field is auto",
-        low=0.01,
-        high=2,
-    )
-    cell_share: float = parameter(
-        11 / 240,
-        "side of a cell as a share of the working height, if cell is auto",
-        low=0.001,
-        high=0.5,
-    )
+    _field_share: ClassVar[float] = 5 / 6
+    _cell_share: ClassVar[float] = 11 / 240
+
     pool_sigma: float = parameter(
         0.5, "sigma of the pooling over cells; 0: no pooling", unit="cells", low=0, high=10
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import cv2
 import numpy as np
@@ -42,31 +42,25 @@ _LEAST_SIGMA = 0.01  # cells; with a smaller sigma no cell is pooled with its ne
 class UnitParams(DpcParams):
     """DPC constants, and the parameters of the cells and units."""
 
+    # Sides of the receptive field and of a cell as shares of the working height, if left to auto.
+    _field_share: ClassVar[float] = 5 / 12
+    _cell_share: ClassVar[float] = 1 / 30
+
     receptive_field: int | None = parameter(
         None,
-        "side of a unit's square receptive field; auto: field_share times the working height",
+        "side of a unit's square receptive field; auto: 5/12 of the working height, in "
+        "opplod_lplc2 5/6",
         unit="px",
         low=2,
         high=8192,
     )
     cell: int | None = parameter(
         None,
-        "side of a cell, and spacing of the cells; auto: cell_share times the working height",
+        "side of a cell, and spacing of the cells; auto: 1/30 of the working height, in "
+        "opplod_lplc2 11/240",
         unit="px",
         low=1,
         high=1024,
-    )
-    field_share: float = parameter(
-        5 / 12,
-        "side of the receptive field as a share of the working height, if receptive_field is auto",
-        low=0.01,
-        high=2,
-    )
-    cell_share: float = parameter(
-        1 / 30,
-        "side of a cell as a share of the working height, if cell is auto",
-        low=0.001,
-        high=0.5,
     )
     units: str = parameter("every", "grid of units such as 5x5 (columns x rows), or 'every' cell")
     pool_sigma: float = parameter(
@@ -99,8 +93,8 @@ class UnitParams(DpcParams):
         """
         return self.replaced(
             receptive_field=self.receptive_field
-            or max(2, min(8192, round(height * self.field_share))),
-            cell=self.cell or max(1, min(1024, round(height * self.cell_share))),
+            or max(2, min(8192, round(height * self._field_share))),
+            cell=self.cell or max(1, min(1024, round(height * self._cell_share))),
         )
 
     @property
