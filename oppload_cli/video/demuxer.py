@@ -184,7 +184,7 @@ def decoder_limit() -> str:
 def usual_rate(name: str, number: int) -> Fraction | None:
     """Return the usual number of frames per second of a stream, by the times of its first packets.
 
-    None if they have no times. Source: :attr:`oppload_cli.frame_times.FrameTimes.rate`.
+    None if they have no times, or are hours apart. Source: :attr:`oppload_cli.frame_times.FrameTimes.rate`.
     """
     with open_container(name, 0) as container:
         stream = video_stream(name, container, number)
@@ -195,7 +195,7 @@ def usual_rate(name: str, number: int) -> Fraction | None:
         times = FrameTimes(None, stream.time_base)
         for pts in sorted(given):
             times.step(ticks(pts * (stream.time_base or 0)))
-    return None if times.rate is None else Fraction(str(round(times.rate, 3)))
+    return Fraction(str(round(times.rate or 0, 3))) or None
 
 
 def is_near(rate: Fraction, other: Fraction) -> bool:

@@ -145,6 +145,14 @@ def test_a_table_of_repeated_times_can_be_read_and_drawn(tmp_path: Path, suffix:
     assert drawn.returncode == 0, drawn.stderr
 
 
+@pytest.mark.parametrize("suffix", ["mp4", "ts", "mkv"])
+def test_frames_that_are_an_hour_apart_keep_their_times(tmp_path: Path, suffix: str) -> None:
+    times = (1000 + np.arange(FRAMES) * 3600 * 1000).tolist()
+    if suffix == "ts":  # its clock starts anew after 26 hours
+        times = [time // 100 for time in times]
+    check_cells(write_times(tmp_path / f"a.{suffix}", times, MS))
+
+
 @pytest.mark.parametrize("rate", [2000, 10_000])
 def test_frames_faster_than_the_clock_of_matroska_keep_their_times(
     tmp_path: Path, rate: int
