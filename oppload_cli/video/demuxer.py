@@ -184,7 +184,8 @@ def decoder_limit() -> str:
 def usual_rate(name: str, number: int) -> Fraction | None:
     """Return the usual number of frames per second of a stream, by the times of its first packets.
 
-    None if they have no times, or are hours apart. Source: :attr:`oppload_cli.frame_times.FrameTimes.rate`.
+    None if they have no times, or are hours apart. Source:
+    :attr:`oppload_cli.frame_times.FrameTimes.rate`.
     """
     with open_container(name, 0) as container:
         stream = video_stream(name, container, number)
