@@ -399,10 +399,10 @@ def tune(
     if not isinstance(indicator, Real) or not 0 <= indicator_s <= 60:
         raise ParameterError(f"indicator_s must be 0 to 60 seconds, not {indicator!r:.60}")
     indicator_s = float(indicator_s)  # the sidecar takes no numbers of NumPy
-    swept = [
-        name if values is None else f"{name}={_text(_listed(name, values))}"
+    swept = {
+        name: None if values is None else _listed(name, values)
         for name, values in (over or {}).items()
-    ]
+    }
     wanted = _wanted(models, height, settings)
     named = None if stimulus is None else str(stimulus)
     figures = [] if figure is None else [str(figure)]
@@ -433,7 +433,7 @@ def _listed(name: str, values: Iterable[Any]) -> list[Any]:
     """Return the values of a swept parameter as a list; raise ParameterError for no values."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise ParameterError(f"over: the values of '{name}' must be a list, not {values!r:.60}")
-    return list(values)
+    return [list(value) if isinstance(value, tuple) else value for value in map(_plain, values)]
 
 
 def _wanted(
@@ -465,14 +465,6 @@ def _wanted(
 def _plain(value: object) -> object:
     """Return the value of a setting without NumPy: a list for an array, a number for one number."""
     return getattr(value, "tolist", lambda: value)()
-
-
-def _text(value: object) -> str:
-    """Return the value of a swept parameter as the command line takes it."""
-    has_no_axis = getattr(value, "ndim", 1) == 0  # an array of one number, as np.load gives it
-    if isinstance(value, str) or not isinstance(value, Collection) or has_no_axis:
-        return str(value)
-    return json.dumps(list(value), default=lambda item: getattr(item, "tolist", item.__str__)())
 
 
 def read_result(path: str | Path) -> Result:

@@ -752,7 +752,7 @@ def test_a_tuning_tells_that_a_curve_means_little() -> None:
         ({"stimulus": "loom-l-over-v", "over": {"l/v": 40}}, "'l/v' must be a list, not 40"),
         (
             {"stimulus": "loom-l-over-v", "over": {"l/v": []}},
-            "over l/v=[]: its values cannot be read; write values such as [10, 20, 40], range(",
+            "over l/v: its values cannot be read; write values such as [10, 20, 40], range(",
         ),
         (
             {"stimulus": "loom-l-over-v", "over": {"axis": None}},

@@ -87,7 +87,7 @@ def tune(
     settings, and the plot: polar over directions, a line over one parameter, a heat
     map over two. With --figure, NAME is the name of the figure.
     """
-    from oppload_cli.tuning.sweeps import sweeps
+    from oppload_cli.tuning.sweeps import parsed_over, sweeps
 
     if (stimulus is None) == (not figures):
         raise click.UsageError("give a STIMULUS or --figure NAME, one of the two")
@@ -95,7 +95,7 @@ def tune(
         raise ParameterError("--indicator must be 0 to 60 seconds, not nan")
     values = parsed_settings(changes)
     options.check_models(chosen["models"], "tune")
-    for sweep in sweeps(stimulus, figures, values, over, chosen):
+    for sweep in sweeps(stimulus, figures, values, parsed_over(over), chosen):
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
         paths = [table, table.with_suffix(".json")]
         paths += [table.with_suffix(f".{form}")] if form != "none" else []

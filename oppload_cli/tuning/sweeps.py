@@ -22,6 +22,8 @@ from oppload_cli.stimulus.protocol_tables import key_of, value_at
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    Over = Mapping[str, list[Any] | None]
+
 
 _NEURONS = "klapoetke2017/"  # stimuli that were shown to LPLC2 neurons
 _USUAL = "opplod_reference", "dlgmd"
@@ -29,6 +31,8 @@ _EVERY = "all"
 _MOST_VALUES = 1000
 # Values of an option --over, in messages; single quotes keep the shell from changing the brackets.
 EXAMPLES = "10,20,40, 0:330:30 (from, to, step), '[[0,0],[10,0]]' or '[\"forward\",\"both\"]'"
+_UNREADABLE = f"its values cannot be read; write values such as {EXAMPLES}"
+_TWICE = "'{}' is swept already; give all values once"
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,7 @@ def sweeps(
     stimulus: str | None,
     figures: Sequence[str],
     changes: dict[str, Any],
-    over: Sequence[str],
+    over: Over,
     settings: Mapping[str, Any],
 ) -> list[Sweep]:
     """Return the sweeps that a user asks for, after a check of all their options.
@@ -153,10 +157,10 @@ def sweeps(
         Names of classic figures, or ``all``.
     changes : dict
         Changed values of the stimulus, by dotted key.
-    over : sequence of str
-        Each is ``PARAMETER=VALUES``, or ``PARAMETER`` for the values of the stimulus's own sweep.
-        If empty, the stimulus keeps its own sweep. A parameter is a key such as ``bar.axis_deg`` or
-        a word such as ``axis``.
+    over : mapping of str to list or None
+        The values of each swept parameter; None for those of the stimulus's own sweep. If empty,
+        the stimulus keeps its own sweep. A parameter is a key such as ``bar.axis_deg`` or a word
+        such as ``axis``.
     settings : mapping
         The arguments of :func:`oppload_cli.pipeline.settings.resolve`.
 
@@ -188,7 +192,7 @@ def _checked(sweep: Sweep, settings: Mapping[str, Any]) -> Sweep:
 
 
 def _sweep_of(
-    stimulus: str, changes: dict[str, Any], over: Sequence[str], settings: Mapping[str, Any]
+    stimulus: str, changes: dict[str, Any], over: Over, settings: Mapping[str, Any]
 ) -> Sweep:
     """Return the sweep of a stimulus; the arguments are those of `sweeps`."""
     named = _entry_named(stimulus)
@@ -224,7 +228,7 @@ def _models_for(stimulus: str) -> tuple[str, ...]:
 
 
 def _figure_sweep(
-    name: str, changes: dict[str, Any], over: Sequence[str], settings: Mapping[str, Any]
+    name: str, changes: dict[str, Any], over: Over, settings: Mapping[str, Any]
 ) -> Sweep:
     """Return the sweep of a classic figure; the other arguments are those of `sweeps`."""
     figure = FIGURES[name]
@@ -240,11 +244,11 @@ def _figure_sweep(
     entry = entry.with_settings({**first, **changes})
     if over:  # it changes the values of the sweep
         chosen = _swept(entry, over).sweep
-        for text, key in zip(over, chosen, strict=True):
+        for word, key in zip(over, chosen, strict=True):
             if key not in figure.sweep:
                 swept_keys = " and ".join(figure.sweep) or "nothing"
                 raise ParameterError(
-                    f"--over {text}: figure {name} sweeps {swept_keys}; make a figure for each "
+                    f"--over {word}: figure {name} sweeps {swept_keys}; make a figure for each "
                     f"value with --change {key}=VALUE"
                 )
         entry = replace(entry, sweep=entry.sweep | chosen)
@@ -271,7 +275,7 @@ def _entry_named(name: str) -> Entry:
     return entries[0]
 
 
-def _swept(entry: Entry, over: Sequence[str]) -> Entry:
+def _swept(entry: Entry, over: Over) -> Entry:
     """Return a stimulus with the sweep that the user asks for."""
     if not over:
         if not entry.sweep:
@@ -290,33 +294,55 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
             )
         ((name, member_values),) = members.items()
         entry = replace(entry, name=name, sweep={}, only="*").with_settings(member_values)
-    for text in over:
-        word, equals, values = text.partition("=")
-        key = key_of(word.strip(), own.name, own.table, own.sweep, "--over")
-        with faults_at(f"--over {text}"):
+    for word, values in over.items():
+        key = key_of(word, own.name, own.table, own.sweep, "--over")
+        with faults_at(f"--over {word}"):
             if key in chosen:
-                raise ParameterError(f"'{key}' is swept already; give all values once")
-            if not equals and key not in entry.sweep:
+                raise ParameterError(_TWICE.format(key))
+            if values is None and key not in entry.sweep:
                 raise ParameterError(
                     f"{entry.name} has no values of its own for '{key}'; write --over "
-                    f"{text}=VALUES, with VALUES such as {EXAMPLES}"
+                    f"{word}=VALUES, with VALUES such as {EXAMPLES}"
                 )
-            chosen[key] = _values_of(values) if equals else entry.sweep[key]
+            chosen[key] = entry.sweep[key] if values is None else _checked_values(values)
             if key.endswith(".centre_deg"):
                 _check_places(word, chosen[key])
-            if equals and direction_of([key]):
+            if values is not None and direction_of([key]):
                 _check_turns(chosen[key])
     # with_settings() refuses a key that names no table; making the protocols checks the values.
     first = {key: chosen[key][0] for key in chosen}
     return replace(entry.with_settings(first, "--over"), sweep=chosen)
 
 
-def _values_of(values: str) -> list[Any]:
-    """Read the values of a sweep.
+def _checked_values(values: list[Any]) -> list[Any]:
+    """Return the values of a sweep; raise ParameterError for none, or for one that is repeated."""
+    if not values:
+        raise ParameterError(_UNREADABLE)
+    repeated = next((value for value in values if values.count(value) > 1), None)
+    if repeated is not None:
+        raise ParameterError(f"{repeated} is there twice; leave one out")
+    return values
 
-    The forms are ``10,20,40``, ``0:330:30`` (from, to, step; both ends included), and a list of
-    TOML, such as ``[[0,0],[10,0]]``.
+
+def parsed_over(texts: Sequence[str]) -> dict[str, list[Any] | None]:
+    """Return the argument `over` of `sweeps` for texts such as ``direction=0:315:45``.
+
+    The values are ``10,20,40``, ``0:330:30`` (from, to, step; both ends included), or a list of
+    TOML, such as ``[[0,0],[10,0]]``. Without them the stimulus's own count. Raises ParameterError
+    if values cannot be read.
     """
+    over: dict[str, list[Any] | None] = {}
+    for text in texts:
+        word, equals, values = text.partition("=")
+        word = word.strip()
+        with faults_at(f"--over {text}"):
+            if word in over:
+                raise ParameterError(_TWICE.format(word))
+            over[word] = _values_of(values) if equals else None
+    return over
+
+
+def _values_of(values: str) -> list[Any]:
     try:
         if values.count(":") == 2:
             listed = _range(*(float(end) for end in values.split(":")))
@@ -327,12 +353,7 @@ def _values_of(values: str) -> list[Any]:
         raise
     except ValueError:
         listed = []
-    if not listed:
-        raise ParameterError(f"its values cannot be read; write values such as {EXAMPLES}")
-    repeated = next((value for value in listed if listed.count(value) > 1), None)
-    if repeated is not None:
-        raise ParameterError(f"{repeated} is there twice; leave one out")
-    return listed
+    return _checked_values(listed)
 
 
 def _check_places(word: str, values: Sequence[Any]) -> None:
@@ -340,7 +361,7 @@ def _check_places(word: str, values: Sequence[Any]) -> None:
     if all(isinstance(value, list) for value in values):
         return
     places = [value if isinstance(value, list) else [value, 0] for value in values]
-    written = f"{word.strip()}={places}".replace(" ", "")
+    written = f"{word}={places}".replace(" ", "")
     raise ParameterError(f"a position is two numbers, [right,up]; write {written[:200]}")
 
 

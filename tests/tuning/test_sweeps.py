@@ -18,7 +18,7 @@ from oppload_cli.plots.tuning_plots import KINDS
 from oppload_cli.schema import Parameters, parameter
 from oppload_cli.tuning.measuring import doubts_about, tune, tuning_text
 from oppload_cli.tuning.present import Responses, low_passed, present
-from oppload_cli.tuning.sweeps import FIGURES, Sweep, sweeps
+from oppload_cli.tuning.sweeps import FIGURES, Sweep, parsed_over, sweeps
 from tests.assigned import assigned
 from tests.results.make import rows_of
 from tests.tuning.test_tuning import disk, swept
@@ -108,7 +108,7 @@ def times(conditions: list[Condition], model: str) -> np.ndarray:
 
 
 def entry_of(name: str, changes: dict[str, float], over: Sequence[str] = ()) -> Entry:
-    (one,) = sweeps(None, [name], dict(changes), over, {})
+    (one,) = sweeps(None, [name], dict(changes), parsed_over(over), {})
     return one.entry
 
 
@@ -161,8 +161,8 @@ def test_every_figure_makes_its_stimuli() -> None:
 def test_a_sweep_tells_the_changes_of_the_user_alone() -> None:
     changes = {"speed": 30, "timing.motion_s": 0.4}
     full = {"bar.growth.speed_deg_s": 30, "timing.motion_s": 0.4}
-    (figure,) = sweeps(None, ["bar-ends"], dict(changes), [], {})
-    (own,) = sweeps("klapoetke2017/bar-expand-10", [], changes | {"axis": [0, 90]}, [], {})
+    (figure,) = sweeps(None, ["bar-ends"], dict(changes), {}, {})
+    (own,) = sweeps("klapoetke2017/bar-expand-10", (), changes | {"axis": [0, 90]}, {}, {})
     assert figure.changes == own.changes == full
 
 
@@ -175,7 +175,7 @@ def test_a_sweep_tells_the_changes_of_the_user_alone() -> None:
     ],
 )
 def test_a_figure_shows_tuning_and_no_start_of_the_motion(name: str, over: list[str]) -> None:
-    (sweep,) = sweeps(None, [name], {}, over, {})
+    (sweep,) = sweeps(None, [name], {}, parsed_over(over), {})
     entry, settings = sweep.entry, sweep.settings
     assert settings.models == ("opplod_reference", "dlgmd")
     shown = tune(Sweep(entry, settings))
@@ -230,10 +230,10 @@ def test_wrong_values_of_a_figure(
 
 def test_a_wrong_figure() -> None:
     with pytest.raises(ParameterError, match=r"no such figure; did you mean 'contrast'\?$"):
-        sweeps(None, ["contrst"], {}, [], {})
+        sweeps(None, ["contrst"], {}, {}, {})
     with pytest.raises(ParameterError, match=r"no such figure; choose all, .*size-speed$"):
-        sweeps(None, ["xyz"], {}, [], {})
-    found = sweeps(None, ["contrast", "all", "contrast"], {}, [], {})
+        sweeps(None, ["xyz"], {}, {}, {})
+    found = sweeps(None, ["contrast", "all", "contrast"], {}, {}, {})
     names = [each.figure["name"] for each in found]
     assert names == ["contrast", *(name for name in FIGURES if name != "contrast")]
 
@@ -275,13 +275,13 @@ def test_a_pause_before_the_motion_is_no_part_of_a_presentation(tmp_path: Path) 
 
 def test_a_setting_of_the_user_replaces_that_of_a_figure() -> None:
     for values, units in (({}, "1x1"), ({"opplod_reference.units": "3x3"}, "3x3")):
-        (found,) = sweeps(None, ["position"], {}, [], {"assignments": values})
+        (found,) = sweeps(None, ["position"], {}, {}, {"assignments": values})
         assert found.settings.groups["opplod_reference"].as_dict()["units"] == units
 
 
 def test_a_setting_of_a_figure_is_that_of_every_version_of_opplod() -> None:
     models = ["opplod", "opplod_lplc2", "opplod_paper", "dlgmd"]
-    (found,) = sweeps(None, ["position"], {}, [], {"models": models})
+    (found,) = sweeps(None, ["position"], {}, {}, {"models": models})
     units = {name: found.settings.groups[name].as_dict().get("units") for name in models}
     assert units == {**dict.fromkeys(models[:3], "1x1"), "dlgmd": None}
 
@@ -289,7 +289,7 @@ def test_a_setting_of_a_figure_is_that_of_every_version_of_opplod() -> None:
 @pytest.mark.long
 def test_the_map_of_positions_peaks_where_the_unit_is() -> None:
     over = ["position=[[-12,0],[0,0],[12,0],[0,12],[0,-12]]"]
-    (sweep,) = sweeps(None, ["position"], {}, over, {"models": ["opplod_reference"]})
+    (sweep,) = sweeps(None, ["position"], {}, parsed_over(over), {"models": ["opplod_reference"]})
     peaks = [each.measures["opplod_reference"].peak or 0 for each in tune(sweep)]
     assert int(np.argmax(peaks)) == 1
     assert max(peaks[:1] + peaks[2:]) < 0.2 * peaks[1]
