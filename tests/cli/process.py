@@ -87,9 +87,12 @@ def shown_at(terminal: int) -> str:
     return shown.decode()
 
 
+_ROWS = 8  # the first three frames have no response
+
+
 def wait_for_rows(run: subprocess.Popen[str], part: Path) -> None:
-    """Wait until a command has written some rows to a part file, or has ended."""
-    while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
+    """Wait until a command has written rows with responses to a part file, or has ended."""
+    while run.poll() is None and not (part.exists() and part.read_bytes().count(b"\n") > _ROWS):
         time.sleep(0.01)
 
 
