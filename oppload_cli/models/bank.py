@@ -85,23 +85,23 @@ class DetectorBank:
         if not params:
             raise ParameterError("no model is chosen; name at least one")
         self._shape, time = checked_shape(shape), time or TimeParams()
-        # Layers by what the detectors that share them have in common: the size of the frames, the
-        # time base, and whether they get pictures between frames.
-        self._layers: dict[tuple[Shape, TimeParams, bool], Layers] = {}
+        # Layers by the size of the frames and the time base of the detectors that share them.
+        self._layers: dict[tuple[Shape, TimeParams], Layers] = {}
 
-        def layers_of(shape: Shape, time: TimeParams, *, interpolates: bool) -> Layers:
-            key = shape, time.of(REFERENCE_INTERVAL), interpolates
+        def layers_of(shape: Shape, time: TimeParams) -> Layers:
+            key = shape, time.of(REFERENCE_INTERVAL)
             return self._layers.setdefault(key, Layers(shape, Clock(time, frame_rate)))
 
-        self._photoreceptors = layers_of(self._shape, time, interpolates=False).photoreceptors()
+        self._photoreceptors = layers_of(self._shape, time).photoreceptors()
         self.responded: set[str] = set()
+        self._separated = False
         self.detectors: dict[str, Detector] = {}
         for chosen in params:
             kind = detector_of(chosen)
             if kind.name in self.detectors:
                 raise ParameterError(f"model '{kind.name}' is given twice; name each once")
             size = (shapes or {}).get(kind.name, self._shape)
-            layers = layers_of(size, time.of(kind.interval), interpolates=kind.interpolates)
+            layers = layers_of(size, time.of(kind.interval))
             with _errors_of(kind, "cannot be made"):
                 detector = kind(size, chosen, frame_rate=frame_rate, layers=layers)
             self.detectors[kind.name] = detector
@@ -152,6 +152,17 @@ class DetectorBank:
             )
         self.see(luma, time_s)
         return self.respond({self._shape: luma}, time_s)
+
+    def separate(self) -> None:
+        """Separate the layers of detectors that get pictures between frames from those of others.
+
+        It is called before every frame with such pictures; later calls have no effect.
+        """
+        for detector in self.detectors.values():
+            if detector.interpolates and not self._separated:
+                with _errors_of(type(detector), "its separate failed"):
+                    detector.separate()
+        self._separated = True
 
     def see(self, luma: Map, time_s: float | None) -> None:
         """Take the next frame for `photoreceptors` and `luma_change`; `respond` must follow."""

@@ -224,7 +224,7 @@ class Detector(ABC):
         Its time base: the value of ``time.interval``, unless the user states another one.
     interpolates : bool
         Whether it also gets pictures between frames that are far apart, which the flow makes of the
-        earlier frame. It shares layers only with other such detectors.
+        earlier frame. Such a detector separates its shared layers in `separate`.
     alarm : AlarmRule
         The rule of its alarm, or why it has none.
     least_object : tuple of float
@@ -358,6 +358,12 @@ class Detector(ABC):
         A subclass keeps the latest value of inner values that last longer than the motion.
         """
         return self.responses(0.0)
+
+    def separate(self) -> None:  # noqa: B027
+        """Replace layers that it shares by copies of its own.
+
+        It is called before the first picture between frames, which other detectors do not get.
+        """
 
     @property
     def maps(self) -> dict[str, Map]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -308,6 +309,11 @@ class CellDetector(Detector):
     ) -> None:
         super().__init__(shape, params, **others)
         self._units = Units(self.shape, self.params)
+
+    def separate(self) -> None:
+        """Replace shared layers by copies of its own."""
+        clock = self.layers.clock
+        self._dpc = deepcopy(self._dpc, {id(clock): clock})  # all layers keep the same clock
 
     @property
     def units(self) -> UnitMaps:

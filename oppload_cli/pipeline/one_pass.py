@@ -153,6 +153,8 @@ class DetectorPass:
         if self._too_slow:  # pictures in between take time, so that one gap would lead to the next
             elapsed, self._too_slow = 0.0, False
         pictures = self._pictures_between(frame, elapsed, flow)
+        if pictures:
+            bank.separate()
         bank.see(luma, seconds_of(taken))
         change = 0.0 if repeat.kind else bank.luma_change
         blind = self._cuts.step(bank.photoreceptors, change, frame.time_s, stood_still=stood_still)

@@ -299,7 +299,7 @@ def test_a_detector_that_fails_or_changes_the_frame_is_named() -> None:
     assert frame.flags.writeable
 
 
-@pytest.mark.parametrize("member", ["at_rest", "units"])
+@pytest.mark.parametrize("member", ["at_rest", "separate", "units"])
 @pytest.mark.parametrize("kind", [ValueError, SystemExit])
 def test_each_member_that_fails_is_named(
     member: str, kind: type[BaseException], monkeypatch: pytest.MonkeyPatch
@@ -309,12 +309,14 @@ def test_each_member_that_fails_is_named(
 
     failing = property(fail) if member == "units" else fail
     monkeypatch.setattr(Loose, "answer", Response(1.0))
+    monkeypatch.setattr(Loose, "interpolates", True)
     monkeypatch.setattr(Loose, member, failing, raising=False)
     registry.register(Loose)
     bank = DetectorBank((9, 9), [LooseParams()])
     bank.step(np.zeros((9, 9), np.float32))
     calls: dict[str, Callable[[], object]] = {
         "at_rest": lambda: bank.at_rest(1, 1 / 30),
+        "separate": bank.separate,
         "units": lambda: bank.units_of("loose"),
     }
     with pytest.raises(DetectorError, match=f"detector 'loose': its {member} failed") as failed:
@@ -422,14 +424,14 @@ def test_a_detector_may_have_frames_of_another_size() -> None:
         assert bank.photoreceptors.shape == (60, 60)
 
 
-def test_detectors_share_layers_only_if_they_get_the_same_pictures() -> None:
+def test_detectors_share_layers_only_at_one_size_and_time_base() -> None:
     """The frames of opplod_paper are counted, also if its frames are as large as the others."""
     names = ["opplod", "opplod_reference", "opplod_paper", "opplod_lplc2", "dlgmd"]
     params = [registry.parameters_of(name) for name in names]
     bank = DetectorBank((60, 80), params, 30, shapes={"opplod_lplc2": (30, 40)})
     layers = {name: bank.detectors[name].layers for name in names}
-    assert layers["opplod"] is layers["opplod_reference"]
-    assert len({id(one) for one in layers.values()}) == 4
+    assert layers["opplod"] is layers["opplod_reference"] is layers["dlgmd"]
+    assert len({id(one) for one in layers.values()}) == 3
     assert layers["opplod_paper"].shape == (60, 80)
     assert layers["opplod_lplc2"].shape == (30, 40)
     flow = Flow(np.ones((30, 40, 2), np.float32), np.ones((30, 40), np.float32), 2, 1 / 30)
