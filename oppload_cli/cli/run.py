@@ -102,7 +102,8 @@ def run(
     """Run looming detectors, by default OppLoD and D-LGMD, on videos, frame by frame.
 
     INPUT is a video file, a folder of videos or of images, a pattern such as
-    'clips/*.mp4' or frames_%04d.png, camera:0, or a stream's address. For each input,
+    'clips/*.mp4' or frames_%04d.png, a stack such as stack.npy or file.h5:/array,
+    camera:0, or a stream's address. For each input,
     DIR gets NAME.frames.csv with a row per frame, NAME.detections.jsonl with a line
     per looming object and frame, and NAME.oppload.json with all settings, versions and
     facts about the input; NAME is the input's name without its suffix. For several
