@@ -153,7 +153,7 @@ def test_frames_that_are_an_hour_apart_keep_their_times(tmp_path: Path, suffix: 
     check_cells(write_times(tmp_path / f"a.{suffix}", times, MS))
 
 
-@pytest.mark.parametrize("rate", [2000, 10_000])
+@pytest.mark.parametrize("rate", [2000, pytest.param(10_000, marks=pytest.mark.long)])
 def test_frames_faster_than_the_clock_of_matroska_keep_their_times(
     tmp_path: Path, rate: int
 ) -> None:
