@@ -130,13 +130,17 @@ def test_gaps_that_avi_fills_with_empty_chunks_are_not_missed(tmp_path: Path) ->
 
 
 def write_streams(
-    path: Path, *streams: tuple[int, int], default: int | None = None, codec: str = "ffv1"
+    path: Path,
+    *streams: tuple[int, int],
+    default: int | None = None,
+    codec: str = "ffv1",
+    pixels: str = "gray",
 ) -> None:
     """Write video streams of a height and a number of frames; those of stream k are k x 50 grey."""
     with av.open(str(path), "w") as container:
         written: list[Any] = [container.add_stream(codec, rate=30) for _ in streams]
         for stream, (height, _) in zip(written, streams, strict=True):
-            stream.width, stream.height, stream.pix_fmt = 96, height, "gray"
+            stream.width, stream.height, stream.pix_fmt = 96, height, pixels
             stream.disposition = Disposition.default if stream.index == default else 0
         for index in range(max(count for _, count in streams)):
             for stream, (height, count) in zip(written, streams, strict=True):
@@ -169,6 +173,35 @@ def test_of_several_video_streams_the_one_that_programs_show_is_read(
         assert len(frames) == streams[expected - 1][1]
         assert {round(float(frame.luma.mean()) * 255) for frame in frames} == {50 * expected}
         assert video.decode.complete
+
+
+def test_of_two_videos_in_a_transport_stream_the_larger_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.ts"
+    write_streams(path, (64, 9), (96, 9), codec="mpeg2video", pixels="yuv420p")
+    with open_video(path, height=None) as video:
+        frames = list(video)
+    assert (video.facts.video_stream, video.facts.height, len(frames)) == (2, 96, 9)
+    assert video.decode.complete
+
+
+def test_a_cover_picture_is_no_video_stream(tmp_path: Path) -> None:
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as container:
+        film: Any = container.add_stream("libx264", rate=30)
+        cover: Any = container.add_stream("mjpeg", rate=30)
+        film.width, film.height, film.pix_fmt = 64, 48, "yuv420p"
+        cover.width, cover.height, cover.pix_fmt = 128, 96, "yuvj420p"
+        cover.disposition = Disposition.attached_pic
+        for stream, count in ((cover, 1), (film, 9)):
+            for index in range(count):
+                grey = np.full((stream.height, stream.width), 50, np.uint8)
+                frame = av.VideoFrame.from_ndarray(grey, "gray").reformat(format=stream.pix_fmt)
+                frame.pts = index
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode())
+    with open_video(path, height=None) as video:
+        assert len(list(video)) == 9
+        assert (video.facts.width, video.facts.video_streams) == (64, 1)
 
 
 def test_the_user_chooses_a_stream_and_the_results_say_which(tmp_path: Path) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
 
-from oppload_cli.video.inputs import found_inputs, left_out, result_stem
+from oppload_cli.video.inputs import found_inputs, is_camera, left_out, result_stem
 
 
 def test_a_folder_of_videos_is_each_of_them(tmp_path: Path) -> None:
@@ -36,6 +37,18 @@ def test_a_folder_of_other_files_is_named_by_them(
         (tmp_path / name).touch()
     (found,) = found_inputs(str(tmp_path))
     assert held in str(found.error)
+
+
+def test_a_file_may_have_a_name_like_that_of_a_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = ("camera:0", "camera:0.avi", "camera:x", "./camera:0.avi")
+    assert [is_camera(name) for name in names] == [True, True, True, False]
+    if sys.platform != "win32":  # where no name has a colon
+        for name in names[:2]:
+            Path(name).touch()
+        assert [is_camera(name) for name in names] == [True, False, True, False]
 
 
 def test_inputs_beside_the_videos_of_a_folder_give_a_note(
