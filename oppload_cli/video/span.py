@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,7 +15,6 @@ from oppload_cli.schema import is_integer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from fractions import Fraction
 
     from oppload_cli.video.frames import Picture, PictureSource
 
@@ -83,7 +83,8 @@ class Position:
         """
         if self.frame is not None:
             return frame >= begin[0] + self.frame
-        return time >= begin[1] + ticks(self.seconds or 0)
+        # A Fraction, because ticks of the largest floats are infinite.
+        return time >= begin[1] + ticks(Fraction(float(self.seconds or 0)))
 
 
 @dataclass(frozen=True)

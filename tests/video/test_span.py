@@ -62,6 +62,7 @@ def test_a_wrong_position_is_refused(given: dict[str, Any], message: str) -> Non
 def test_numbers_of_other_libraries_are_positions() -> None:
     frame: Any = np.int64(3)
     assert [Position(frame=frame).reached(at, 0) for at in (2, 3)] == [False, True]
+    assert not Position(seconds=1e308).reached(3, 1 << 62)
     for seconds in (np.float32(0.5), Fraction(1, 2)):
         half: Any = seconds
         times = ticks(0.5) - 1, ticks(0.5)
