@@ -431,7 +431,8 @@ def _in_python(message: str) -> str:
 
 def _listed(name: str, values: Iterable[Any]) -> list[Any]:
     """Return the values of a swept parameter as a list; raise ParameterError for no values."""
-    if isinstance(values, str) or not isinstance(values, Iterable):
+    single = getattr(values, "ndim", 1) == 0  # an array of one number
+    if isinstance(values, str) or single or not isinstance(values, Iterable):
         raise ParameterError(f"over: the values of '{name}' must be a list, not {values!r:.60}")
     return [list(value) if isinstance(value, tuple) else value for value in map(_plain, values)]
 

@@ -770,6 +770,10 @@ def test_a_tuning_tells_that_a_curve_means_little() -> None:
             {"stimulus": "loom-l-over-v", "over": {"l/v": [40]}, "changes": {"l/v": 20}},
             "changes disk.growth.l_over_v_ms: over sweeps it; leave one of the two out",
         ),
+        (
+            {"stimulus": "loom-l-over-v", "over": {"l/v": np.array(40)}},
+            "over: the values of 'l/v' must be a list",
+        ),
         ({"stimulus": "loom-l-over-v", "changes": {"wrd": 4}}, ": changes wrd: no key 'wrd'"),
         ({"stimulus": "loom-l-over-v", "changes": ["a"]}, "changes must be a dict by parameter"),
         ({"stimulus": "loom-l-over-v", "indicator_s": 61}, "0 to 60 seconds, not 61"),

@@ -40,6 +40,7 @@ from oppload_cli.results.result_files import (
     title_and_input,
 )
 from oppload_cli.results.table import PAGE
+from oppload_cli.schema import is_integer
 from oppload_cli.version import __version__
 from oppload_cli.video.inputs import REPORTED
 from oppload_cli.video.source import source_of, stop
@@ -443,8 +444,9 @@ def _reading(result: BaseResult) -> Reading:
     rate = None
     with suppress(KeyError, TypeError, ValueError, ZeroDivisionError):
         rate = Fraction(facts["frame_rate"])
-    many = facts.get("video_streams", 1) != 1
-    return Reading(rate, stream=facts.get("video_stream", 1) if many else None)
+    number = facts.get("video_stream")
+    chosen = facts.get("video_streams", 1) != 1 and is_integer(number, 1)
+    return Reading(rate, stream=number if chosen else None)
 
 
 def _jpeg(frame: av.VideoFrame) -> bytes:

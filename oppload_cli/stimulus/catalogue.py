@@ -222,7 +222,7 @@ def entries() -> tuple[Entry, ...]:
     Examples
     --------
     >>> from oppload_cli import stimulus
-    >>> [each.name for each in stimulus.entries() if each.name.endswith("-ring")]
+    >>> [entry.name for entry in stimulus.entries() if entry.name.endswith("-ring")]
     ['controls/looming-ring']
     """
     root = catalogue_directory()

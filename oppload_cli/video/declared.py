@@ -136,7 +136,7 @@ def declared_bits(name: str, container: InputContainer, stream: VideoStream) -> 
     """
     if container.format.name != "cine" or stream.codec_context.bits_per_coded_sample:
         return None
-    with suppress(OSError), Path(name).open("rb") as file:
+    with suppress(OSError, struct.error), Path(name).open("rb") as file:
         file.seek(24)  # where the offset of this head stands
         file.seek(struct.unpack("<I", file.read(4))[0] + 32)
         bits = max(struct.unpack("<II", file.read(8))).bit_length() - 1

@@ -240,7 +240,8 @@ def is_image_file(name: str) -> bool:
 
 def is_stack(name: str) -> bool:
     """Return whether a name is that of a file of arrays, or of a laboratory's video."""
-    return _suffix(stack_and_key(name)[0]) in _STACKS and is_file(stack_and_key(name)[0])
+    file, _ = stack_and_key(name)
+    return _suffix(file) in _STACKS and is_file(file)
 
 
 def stack_and_key(name: str) -> tuple[str, str]:

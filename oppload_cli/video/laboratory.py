@@ -53,8 +53,8 @@ class Stack:
     close: Callable[[], object]
 
 
-class EarlyEndError(Exception):
-    """A file ends within a picture."""
+class DamagedError(Exception):
+    """A picture cannot be read: its file ends within it, or contradicts itself."""
 
 
 _LONGEST_CODING = 64  # bytes of the word for the kind of pictures
@@ -116,13 +116,15 @@ def open_ufmf(path: Path) -> Stack:
                 values, columns, rows, _ = _unpack(file, "<cHHd")
                 image = _plane(file, rows, columns, "<f4" if values == b"f" else "u1")
                 if kind == b"mean" or background is None:
-                    background = image.astype(np.uint8)
+                    background = np.clip(np.nan_to_num(image), 0, 255).astype(np.uint8)
             elif chunk[0] == _FRAME and background is not None:
                 time_s, boxes = _unpack(file, "<dI" if version == 4 else "<dH")
                 picture = background.copy()
                 for _ in range(boxes):
                     x, y, columns, rows = _unpack(file, "<HHHH")
                     box = _plane(file, rows, columns)
+                    if x + columns > picture.shape[1] or y + rows > picture.shape[0]:
+                        raise DamagedError("a box reaches beyond the picture")
                     picture[y : y + rows, x : x + columns] = box
                 yield time_s, picture
             else:
@@ -171,7 +173,7 @@ def _head_of(path: Path) -> Iterator[BinaryIO]:
     file = path.open("rb")
     try:
         yield file
-    except EarlyEndError as error:
+    except DamagedError as error:
         file.close()
         raise SourceError(f"{path}: ends within its head; copy it again") from error
     except BaseException:
@@ -189,11 +191,13 @@ def _read(file: BinaryIO, size: int) -> bytes:
 
 def _complete(content: bytes, size: int) -> bytes:
     if len(content) != size:
-        raise EarlyEndError("the file ends within a picture")
+        raise DamagedError("the file ends within a picture")
     return content
 
 
 def _plane(file: BinaryIO, rows: int, columns: int, kind: str = "u1") -> NDArray[Any]:
+    if 0 in {rows, columns}:
+        raise DamagedError("its size is 0")
     check_pixels(file.name, columns, rows)
     content = _read(file, rows * columns * np.dtype(kind).itemsize)
     return np.frombuffer(content, kind).reshape(rows, columns)

@@ -258,7 +258,8 @@ def source_of(name: str, reading: Reading, threads: int = 0) -> PictureSource:
     camera, path = is_camera(name), Path(name)
     pattern = NUMBER.search(path.name) and not is_there(name)
     sequence = pattern or is_folder(name)
-    if stream is not None and (camera or sequence or is_stack(name) or is_image_file(name)):
+    stack = is_stack(name) or is_image_file(name)
+    if stream is not None and (camera or sequence or stack):
         kind = "a camera" if camera else "a sequence of pictures"
         raise SourceError(f"{name}: is {kind}, which has no streams; leave --stream out")
     if camera or sequence:
@@ -269,7 +270,7 @@ def source_of(name: str, reading: Reading, threads: int = 0) -> PictureSource:
         if true_rate is not None:
             raise no_true_rate(name, "it is a camera")
         return CameraSource(name)
-    if is_stack(name) or is_image_file(name):
+    if stack:
         from oppload_cli.video.stacks import StackSource
 
         return StackSource(name, reading)

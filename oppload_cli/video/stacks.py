@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from oppload_cli.errors import SourceError, cannot_read, reason_of
+from oppload_cli.errors import OpploadError, SourceError, cannot_read, reason_of
 from oppload_cli.frame_times import USUAL_RATE, ticks
 from oppload_cli.video.frames import (
     InputFacts,
@@ -21,7 +20,7 @@ from oppload_cli.video.frames import (
     no_true_rate,
 )
 from oppload_cli.video.inputs import bytes_of, rate_beside, stack_and_key
-from oppload_cli.video.laboratory import EarlyEndError, Stack, open_fmf, open_norpix, open_ufmf
+from oppload_cli.video.laboratory import DamagedError, Stack, open_fmf, open_norpix, open_ufmf
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -29,6 +28,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.video.span import Reading
+
+
+_LONGEST_S = 1e9  # 30 years: from there on a time is damage
 
 
 class StackSource(PictureSource):
@@ -44,33 +46,31 @@ class StackSource(PictureSource):
         path = Path(file)
         try:
             self._stack = _opened(path, key)
-            first = next(self._stack.pictures, None)
+            self._first = self._first_picture(name)
+        except OpploadError:
+            raise
         except OSError as error:
             raise cannot_read(name, error) from error
-        except (EarlyEndError, ValueError, TypeError, KeyError, zipfile.BadZipFile) as error:
+        except Exception as error:  # damaged files raise errors of many kinds
             raise SourceError(
                 f"{name}: its pictures cannot be read ({reason_of(error)}); check the file"
             ) from error
-        if first is None:
-            raise SourceError(f"{name}: holds no picture; check the file")
-        time_s, values = first
-        stated = reading.image_rate or reading.true_rate
+        time_s, values = self._first
         if time_s is not None and reading.true_rate is not None:
             self._stack.close()
             raise no_true_rate(name, "it has the times of its camera")
-        assumed = time_s is None and not stated
+        rate = self._stack.rate
         if time_s is None:
-            rate = stated or self._stack.rate or rate_beside(name)
-            assumed, self._rate = rate is None, rate or USUAL_RATE
-        else:
-            self._rate = self._stack.rate or Fraction(0)
-        self._first, self._brightest = first, 0
+            rate = reading.image_rate or reading.true_rate or rate_beside(name)
+        assumed = time_s is None and rate is None
+        self._rate = USUAL_RATE if assumed else rate
+        self._brightest = 0
         self.facts = InputFacts(
             name=name,
             kind="images" if time_s is None else "container",
             width=values.shape[1],
             height=values.shape[0],
-            frame_rate=self._rate or None,
+            frame_rate=self._rate,
             rate_assumed=assumed,
             frames_declared=self._stack.count,
             codec=path.suffix.lower().lstrip("."),
@@ -78,27 +78,42 @@ class StackSource(PictureSource):
             bytes=bytes_of(file),
         )
 
+    def _first_picture(self, name: str) -> tuple[float | None, NDArray[Any]]:
+        """Return the first picture; close the file if there is none, or if it cannot be read."""
+        try:
+            for first in self._stack.pictures:
+                return first
+            raise SourceError(f"{name}: holds no picture; check the file")
+        except BaseException:
+            self._stack.close()
+            raise
+
     def pictures(self) -> Iterator[Picture]:
         """Yield the pictures; a picture that cannot be read ends them."""
-        start_s = self._first[0]
         try:
             for index, (time_s, values) in enumerate(chain([self._first], self._stack.pictures)):
                 if self.stopping:
                     return
-                if time_s is None or start_s is None:
-                    time = ticks(index / self._rate)
-                else:
-                    time = ticks(time_s - start_s)
+                time = self._time(index, time_s)
                 luma, colour = _luma_and_colour(values, f"{self.facts.name}: picture {index}")
                 bits = self._stack.bits or 8 * luma.itemsize
                 if bits == 16:
                     self._brightest = max(self._brightest, int(luma.max()))
                 self.decode.decoded += 1
                 yield Picture(index, time, luma, bits, original=colour)
-        except EarlyEndError:
-            self.decode.failed(f"the file ends within frame {self.decode.decoded}")
-        except (OSError, ValueError) as error:
-            self.decode.failed(reason_of(error))
+        except OpploadError:
+            raise
+        except Exception as error:  # damaged files raise errors of many kinds
+            count = self.decode.decoded
+            self.decode.failed(f"frame {count} cannot be read ({reason_of(error)})")
+
+    def _time(self, index: int, time_s: float | None) -> int:
+        start_s = self._first[0]
+        if time_s is None or start_s is None:
+            return ticks(Fraction(index) / (self._rate or USUAL_RATE))
+        if not abs(time_s - start_s) < _LONGEST_S:  # also if one of them is not a number
+            raise DamagedError(f"its time is {time_s:g} s")
+        return ticks(time_s - start_s)
 
     def finish(self) -> None:
         """Count the declared pictures that never came, and note that 16 bits are hardly used."""
@@ -120,7 +135,9 @@ def _opened(path: Path, key: str) -> Stack:
         return _open_hdf5(path, key)
     if suffix in _LABORATORY:
         return _LABORATORY[suffix](path)
-    return _open_images(path)
+    from oppload_cli.video.images import opened_stack  # imports Pillow
+
+    return opened_stack(path)
 
 
 _LABORATORY: dict[str, Callable[[Path], Stack]] = {
@@ -180,13 +197,6 @@ def _chosen(path: Path, key: str, names: list[str]) -> str:
     listed = ", ".join(f"{path.name}:/{name}" for name in names[:5])
     wrong = f"holds no array '{key}' of pictures" if key else f"holds {len(names)} arrays"
     raise SourceError(f"{path}: {wrong}; give one of {listed}")
-
-
-def _open_images(path: Path) -> Stack:
-    """Open an image file of several pictures, as TIFF, WebP and APNG may hold."""
-    from oppload_cli.video.images import opened_stack  # imports Pillow
-
-    return opened_stack(path)
 
 
 def _luma_and_colour(

@@ -213,6 +213,11 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "c.h5": (lambda path: path.write_bytes(b"no file of HDF5"), "c.h5: "),
     "a.fmf": (lambda path: write_fmf(path, 2), "no FlyMovieFormat of version 1 or 3"),
     "b.fmf": (lambda path: write_fmf(path, coding=b"YUV422"), "of the kind YUV422"),
+    "d.fmf": (
+        lambda path: path.write_bytes(struct.pack("<IIIQQ", 1, 0, 9, 8, 1) + bytes(8)),
+        r"its pictures cannot be read \(its size is 0\)",
+    ),
+    "g.npy": (lambda path: path.write_bytes(b""), "its pictures cannot be read"),
     "c.fmf": (lambda path: path.write_bytes(b"\1\0\0\0abc"), "ends within its head"),
     "a.ufmf": (lambda path: write_ufmf(path, 5), "no micro FlyMovieFormat of version 2 to 4"),
     "a.seq": (lambda path: path.write_bytes(bytes(600)), "no sequence of Norpix"),
@@ -227,6 +232,31 @@ def test_a_wrong_stack_is_refused_in_a_sentence(name: str, tmp_path: Path) -> No
     write(tmp_path / name)
     with pytest.raises(SourceError, match=sentence):
         list(open_video(tmp_path / name, image_rate=30))
+
+
+WRONG_WITHIN: dict[str, tuple[str, int, bytes, str]] = {
+    "no number": ("a.fmf", 2, struct.pack("<d", float("nan")), "its time is nan s"),
+    "far too late": ("a.fmf", 2, struct.pack("<d", 1e300), "its time is 1e+300 s"),
+    "far outside": ("a.ufmf", 0, struct.pack("<H", COLUMNS - 1), "a box reaches beyond the pic"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG_WITHIN)
+def test_a_damaged_picture_ends_a_video_in_a_sentence(kind: str, tmp_path: Path) -> None:
+    name, whole, wrong, sentence = WRONG_WITHIN[kind]
+    path = tmp_path / name
+    LABORATORY["fmf 3" if whole else "ufmf 3"][1](path)
+    content = bytearray(path.read_bytes())
+    chunk = ROWS * COLUMNS
+    # The third picture of FlyMovieFormat begins with its time. In micro FlyMovieFormat a picture
+    # has two boxes, each with four numbers before its values.
+    at = len(content) - 4 * (chunk + 8) if whole else len(content) - 3 - 4 * (chunk + 27) + 11
+    content[at : at + len(wrong)] = wrong
+    path.write_bytes(content)
+    with open_video(path, height=None) as video:
+        assert len(list(video)) == 2
+        assert f"frame 2 cannot be read ({sentence}" in video.decode.messages[0]
+        assert not video.decode.complete
 
 
 def test_a_stack_that_uses_few_of_its_bits_gets_a_remark(tmp_path: Path) -> None:
